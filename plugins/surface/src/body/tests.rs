@@ -135,6 +135,25 @@ fn without_clicks_an_arm_is_found_along_its_points() {
 }
 
 #[test]
+fn an_arm_without_clicks_that_only_fits_as_few_people_are_is_refused_and_two_clicks_count() {
+    // Somebody far smaller than was said: which end is the shoulder is no longer told by how long and thick limbs are.
+    let first = |settings: BodySettings| {
+        let mut bench = NodeBench::<BodyFitter>::new(settings).unwrap();
+        bench.feed(&TRACKED, Time::ZERO, points(0.0, 800)).unwrap();
+        bench.outputs(&SKELETONS).remove(0).value
+    };
+    let message = first(BodySettings { clicked: Vec::new(), height_m: 1.3, ..settings() });
+    assert!(message.list.is_empty(), "{:?}", message.list);
+    assert!(message.unmodelled[0].reason.contains("which way the arm lies"), "{}", message.unmodelled[0].reason);
+    let mut two = settings();
+    two.clicked.truncate(2);
+    let message = first(two);
+    let skeleton = message.list.first().unwrap_or_else(|| panic!("{:?}", message.unmodelled));
+    let off = errors_deg(skeleton, joints(0.0));
+    assert!(off.iter().all(|it| *it < 6.0), "{off:?} degrees");
+}
+
+#[test]
 fn a_hand_without_points_goes_with_the_forearm() {
     let (body, template) = metaball::arm(Side::Right, 1.75);
     let rules = Rules {

@@ -11,6 +11,8 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::message::{Before, joint_place, skeleton_of};
 use super::outline::Outline;
 
+/// An arm that was found without clicks and is farther from what people have may lie back to front: of the simulated arm that is 22 to 23 (`graphs/surface_body.toml` without `joints`, seeds 2 to 5) [–].
+const MOST_OFF: f64 = 15.0;
 /// A lever with which turns become shifts of the root [m].
 const LEVER_M: f64 = 0.3;
 /// Fewer points are no body [–].
@@ -316,15 +318,37 @@ impl BodyTracker {
                 let mut state = start.clone();
                 state.world_from_root = Isometry3::from_parts(shoulder.into(), rotation);
                 state.angles[0] = 0.5;
-                let found = fit(&state, &points, &options)?;
-                let cost = found.rms_m * (1.0 + found.outliers as f64 / n) + found.doubts.len() as f64;
+                // One or two joints that were clicked say which way it lies.
+                let found = fit(&state, &[&points[..], &anchors].concat(), &options)?;
+                let off = found.distances_m[points.len()..].iter().map(|it| (it / self.rules.clicked_m).powi(2));
+                let clicks = 1.0 + off.sum::<f64>();
+                let cost = clicks * found.rms_m * (1.0 + found.outliers as f64 / n) + found.doubts.len() as f64;
                 if best.as_ref().is_none_or(|it| cost < it.0) {
                     best = Some((cost, found));
                 }
             }
         }
-        best.map(|it| it.1).ok_or(("no_start", "no way to lie in the points".to_owned()))
+        let (_, found) = best.ok_or(("no_start", "no way to lie in the points".to_owned()))?;
+        let off = off_people(&found.state, &self.template);
+        if off > MOST_OFF {
+            let reason = format!(
+                "without {LEAST_CLICKS} clicked joints it is not clear which way the arm lies: the best one has lengths and thicknesses that few people have ({off:.0} in squared standard deviations, \
+                 expected {MOST_OFF} at most); expected `clicked` or `joints`"
+            );
+            return Err(("no_start", reason));
+        }
+        Ok(found)
     }
+}
+
+/// How far lengths and thicknesses are from what people have: the sum of squares, in standard deviations.
+fn off_people(state: &State, template: &State) -> f64 {
+    let usual = anthropometric(template);
+    let lengths = state.scales.iter().zip(&usual.scales).map(|(it, (mean, sigma))| ((it / mean).ln() / sigma).powi(2));
+    let sigma = usual.radii.as_ref().map_or(1.0, |it| it.thickness);
+    let thick =
+        |(now, usual): (&Vector3<f64>, &Vector3<f64>)| now.component_div(usual).xy().map(f64::ln).mean() / sigma;
+    lengths.sum::<f64>() + state.radii.iter().zip(&template.radii).map(|it| thick(it).powi(2)).sum::<f64>()
 }
 
 /// The direction in which points spread most, of length 1.
