@@ -154,6 +154,18 @@ fn an_arm_without_clicks_that_only_fits_as_few_people_are_is_refused_and_two_cli
 }
 
 #[test]
+fn clicks_of_shoulder_and_wrist_that_are_exchanged_are_told() {
+    let mut settings = settings();
+    let [shoulder, _, wrist] = [0, 1, 2].map(|it| settings.clicked[it].at);
+    (settings.clicked[0].at, settings.clicked[2].at) = (wrist, shoulder);
+    let mut bench = NodeBench::<BodyFitter>::new(settings).unwrap();
+    bench.feed(&TRACKED, Time::ZERO, points(0.0, 800)).unwrap();
+    let message = bench.outputs(&SKELETONS).remove(0).value;
+    assert!(message.list.is_empty(), "{:?}", message.list);
+    assert!(message.unmodelled[0].reason.contains("look exchanged"), "{}", message.unmodelled[0].reason);
+}
+
+#[test]
 fn a_hand_without_points_goes_with_the_forearm() {
     let (body, template) = metaball::arm(Side::Right, 1.75);
     let rules = Rules {

@@ -296,7 +296,22 @@ impl BodyTracker {
         };
         if is_clicked {
             start.world_from_root.translation.vector = centroid;
-            return fit(&start, &[points, anchors].concat(), &options);
+            let found = fit(&start, &[&points[..], &anchors].concat(), &options)?;
+            let off = off_people(&found.state, &self.template);
+            if self.body.skeleton.n_scales() <= ARM_SCALES {
+                let turned = fit(&start, &[&points[..], &exchanged(&anchors)].concat(), &options)?;
+                let other = off_people(&turned.state, &self.template);
+                if turned.rms_m < found.rms_m.max(self.rules.options.model_sigma_m)
+                    && 2.0 * other < off
+                    && other + 2.0 < off
+                {
+                    let reason = format!(
+                        "the clicked shoulder and wrist look exchanged: as they are, lengths and thicknesses are {off:.0} squared standard deviations from what people have, exchanged {other:.0}"
+                    );
+                    return Err(("no_start", reason));
+                }
+            }
+            return Ok(found);
         }
         if self.body.skeleton.n_scales() > ARM_SCALES {
             let reason = format!("{} clicked joints of the model, expected {LEAST_CLICKS} at least", anchors.len());
@@ -339,6 +354,29 @@ impl BodyTracker {
         }
         Ok(found)
     }
+}
+
+/// The joints of an arm with its ends exchanged.
+fn exchanged(anchors: &[BodyObservation]) -> Vec<BodyObservation> {
+    let places = |of: &BodyObservation| match of {
+        BodyObservation::Anchored { segment, at, .. } => Some((*segment, *at)),
+        _ => None,
+    };
+    let (first, last) = (
+        anchors.iter().filter_map(places).min_by_key(|it| it.0),
+        anchors.iter().filter_map(places).max_by_key(|it| it.0),
+    );
+    let mut turned = anchors.to_vec();
+    for it in &mut turned {
+        if let (BodyObservation::Anchored { segment, at, .. }, Some(first), Some(last)) = (it, first, last) {
+            match *segment {
+                own if own == first.0 => *at = last.1,
+                own if own == last.0 => *at = first.1,
+                _ => (),
+            }
+        }
+    }
+    turned
 }
 
 /// How far lengths and thicknesses are from what people have: the sum of squares, in standard deviations.
