@@ -4,6 +4,9 @@ use std::fmt;
 
 use super::code::{Axis, Inverse, Shown, StripeCode};
 
+/// So many bits of an axis that fit no Gray code say that the pictures are not those of the stated order: a picture that is missing, wrong or in another's place spoils its own bit and one more, two that are exchanged up to four.
+const OTHER_SET: usize = 5;
+
 /// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SetFault {
@@ -266,9 +269,9 @@ impl SetFault {
             }
             SetFault::Extra { .. } | SetFault::TooBright { .. } => false,
             SetFault::NotInverse { shown, .. } => is_of(shown),
-            SetFault::Inverted { axis: of, .. }
-            | SetFault::OutOfPlace { axis: of, .. }
-            | SetFault::OutOfRange { axis: of, .. } => *of == axis,
+            // So many bits are not one picture: what is stated of the set is wrong, of the other axis too.
+            SetFault::OutOfPlace { axis: of, planes } => *of == axis || planes.len() >= OTHER_SET,
+            SetFault::Inverted { axis: of, .. } | SetFault::OutOfRange { axis: of, .. } => *of == axis,
             SetFault::Size { .. }
             | SetFault::OtherOrder { .. }
             | SetFault::OtherSize { .. }

@@ -421,6 +421,17 @@ fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
 }
 
 #[test]
+fn many_bits_out_of_place_spoil_both_axes_and_few_their_own() {
+    let usable = |n: u32| {
+        let fault = SetFault::OutOfPlace { axis: Axis::Columns, planes: (1..=n).collect() };
+        let places = (0..wall_code().pictures().len()).map(Some).collect();
+        Examination { faults: vec![fault], places, ..Examination::default() }.usable(&wall_code())
+    };
+    assert_eq!(usable(4), [Axis::Rows]);
+    assert_eq!(usable(5), []);
+}
+
+#[test]
 fn stripes_as_fine_as_two_pixels_are_put_in_order() {
     let code = StripeCode::gray([256, 192]);
     for seed in 1..=3 {
