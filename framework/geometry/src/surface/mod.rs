@@ -11,6 +11,7 @@
 //! | [`ply`] | points and triangles of files of any program |
 //! | [`shape`] | triangles or points to measure distances to |
 //! | [`placing`] | how one shape lies on another, from anywhere |
+//! | `planes` | the same of shapes that are mostly one plane |
 //! | [`cylinder`] | the circular cylinder that fits points best |
 //! | [`roughness`] | what points deviate from a quadric around them |
 //! | [`distances`] | how far two shapes are apart, both ways |
@@ -23,6 +24,7 @@ pub mod mesh;
 pub mod normals;
 pub mod patches;
 pub mod placing;
+mod planes;
 pub mod ply;
 pub mod range_image;
 pub mod registration;

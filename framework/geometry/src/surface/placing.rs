@@ -2,8 +2,9 @@
 //!
 //! 1. From many rotations that are spread evenly, each with the middle of the one shape on the middle of that part of the other which would face the same way, coarse registrations begin; the place given is
 //!    one of the starts.
-//! 2. The starts that lay most of the shape on the other go on with all detail.
-//! 3. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
+//! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count as much as all others together.
+//! 3. The starts that lay most of the shape on the other go on with all detail.
+//! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
 //!
 //! Sources: M. Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022 (rotations); those of [`super::registration`].
 //!
@@ -18,6 +19,7 @@ use nalgebra::{
     Vector3,
 };
 
+use super::planes::{Flat, starts};
 use super::registration::slides;
 use super::{Patches, RegistrationOptions, Shape, SurfacePoint, register};
 
@@ -75,6 +77,8 @@ const CELLS: [f64; 2] = [24.0, 100.0];
 const LEVELS: [usize; 2] = [3, 4];
 /// Starts that go on with all detail.
 const FINALISTS: usize = 6;
+/// Beside these, starts that lay plane on plane.
+const FLAT_FINALISTS: usize = 12;
 /// Points of either shape at least.
 const MIN_POINTS: usize = 100;
 /// Part of a's points that must lie on b.
@@ -111,8 +115,10 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
             return Err(PlacingError::TooFewPoints { count, expected: MIN_POINTS });
         }
     }
-    let judged: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[1])).copied().collect();
-    let search = Search { b, on_b: &on_b, judged: &judged, extent, most: options.most };
+    let some: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[1])).copied().collect();
+    let flat = Flat::of(&of_a, extent).zip(Flat::of(&on_b, extent));
+    let judged = flat.as_ref().map_or_else(|| some.clone(), |it| it.0.balanced(&of_a, POINTS[1]));
+    let search = Search { b, on_b: &on_b, some: &some, judged: &judged, extent, most: options.most };
     let mut found = search.coarse(&of_a, options.n_starts);
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut finalists: Vec<(f64, Isometry3<f64>)> = Vec::new();
@@ -120,6 +126,11 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
         if finalists.len() < FINALISTS && finalists.iter().all(|it| search.is_other(&rigid(&it.1), &rigid(&pose))) {
             finalists.push((worth, pose));
         }
+    }
+    if let Some((of_a_flat, of_b_flat)) = &flat {
+        let has_sides = of_a.iter().any(|it| it.normal != Vector3::zeros());
+        let flats = [(of_a_flat, &of_a[..]), (of_b_flat, &on_b[..])];
+        finalists.extend(starts(flats, extent, has_sides, FLAT_FINALISTS).into_iter().map(|it| (0.0, it)));
     }
     let fine = search.surface(1);
     let options_of = RegistrationOptions { min_overlap: 0.05, max_misfit: f64::INFINITY, ..Default::default() };
@@ -178,6 +189,9 @@ fn with_sigma(mut points: Vec<SurfacePoint>, sigma: f64) -> Vec<SurfacePoint> {
 struct Search<'a> {
     b: &'a Shape,
     on_b: &'a [SurfacePoint],
+    /// Of a, evenly spread.
+    some: &'a [SurfacePoint],
+    /// Of a, those that poses are judged and adjusted by.
     judged: &'a [SurfacePoint],
     extent: f64,
     most: f64,
@@ -185,7 +199,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn middle(&self) -> Point3<f64> {
-        middle(self.judged.iter().map(|it| it.position)).unwrap_or_else(Point3::origin)
+        middle(self.some.iter().map(|it| it.position)).unwrap_or_else(Point3::origin)
     }
 
     fn surface(&self, stage: usize) -> Patches {
@@ -209,7 +223,7 @@ impl Search<'_> {
         let few: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[0])).copied().collect();
         let options = RegistrationOptions { min_overlap: 0.05, max_misfit: f64::INFINITY, ..Default::default() };
         let middle_a = self.middle();
-        let facing: Vector3<f64> = self.judged.iter().map(|it| it.normal).sum();
+        let facing: Vector3<f64> = self.some.iter().map(|it| it.normal).sum();
         let start = |rotation: UnitQuaternion<f64>| {
             // Of what looks the same way on the whole, so that a view of one side comes to lie on that side.
             let way = rotation * facing;
@@ -432,6 +446,39 @@ mod tests {
     #[test]
     fn a_scale_is_found_with_the_place() {
         check(1.07, true, 4e-4);
+    }
+
+    #[test]
+    fn small_things_before_a_large_wall_say_how_it_lies() {
+        // Points 1 of 3 m of wall, two balls before it, seen from where the wall is 3 m away.
+        let room = |seed: u64, half: f64| -> Vec<Point3<f64>> {
+            let mut random = Random::new(seed);
+            let mut one = || {
+                let (x, y) = (random.uniform_in(-half, half), random.uniform_in(-half, half));
+                let ball = |at: [f64; 2], radius: f64| {
+                    let square = radius * radius - (x - at[0]).powi(2) - (y - at[1]).powi(2);
+                    if square > 0.0 { 2.6 - square.sqrt() } else { 3.0 }
+                };
+                Point3::new(x, y, ball([0.4, 0.25], 0.2).min(ball([-0.5, 0.1], 0.14)) + 2e-4 * random.normal())
+            };
+            (0..30_000).map(|_| one()).collect()
+        };
+        let b = Shape::new(room(1, 1.5), Vec::new(), Vec::new(), &Point3::origin()).unwrap();
+        for seed in 2..6 {
+            let mut random = Random::new(seed);
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::from([0; 3].map(|_| random.uniform_in(-2.0, 2.0))));
+            let a_from_b = Isometry3::from_parts(Translation3::new(0.7, -0.4, 1.9), turn);
+            let own = room(seed + 10, 1.2);
+            let moved = own.iter().map(|it| a_from_b * it).collect();
+            let a = Shape::new(moved, Vec::new(), Vec::new(), &(a_from_b * Point3::origin())).unwrap();
+            let options = PlacingOptions { scale: false, n_starts: 100, most: f64::INFINITY };
+            for a in [a.clone(), a.without_sides()] {
+                let found = place(&a, &b, &options).unwrap();
+                let error = |it: &Point3<f64>| (found.b_from_a * (a_from_b * it) - it).norm();
+                let worst = own.iter().map(error).fold(0.0, f64::max);
+                assert!(worst < 2e-3 && found.overlap > 0.95, "seed {seed}: {worst} m, {found:?}");
+            }
+        }
     }
 
     #[test]
