@@ -52,7 +52,7 @@ fn camera(number: u32, speed_m_s: f64) -> Camera {
 fn seen(number: u32, speed_m_s: f64, shown: &[u8]) -> Image {
     let (camera, projector, middle) = (camera(number, speed_m_s), projector(), ball(number, speed_m_s));
     let mut random = Random::new(u64::from(number) + 1);
-    let mut light = |x: f64, y: f64| -> f64 {
+    let light = |x: f64, y: f64| -> f64 {
         let Some(ray) = camera.ray(&Point2::new(x, y)) else { return 0.0 };
         let along = ray.direction.into_inner();
         let to_middle = middle - ray.origin;

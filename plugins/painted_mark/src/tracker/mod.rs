@@ -48,9 +48,12 @@ pub struct TrackerNode {
     camera: Option<CameraId>,
     camera_name: String,
     /// What was chosen by hand in pictures that are still to come.
-    chosen: Vec<(Time, Vec<(u32, Point2<f64>)>)>,
+    chosen: Vec<Chosen>,
     pool: Pool<Features>,
 }
+
+/// Marks chosen by hand in one picture: its time, names and places [px].
+type Chosen = (Time, Vec<(u32, Point2<f64>)>);
 
 /// Marks chosen by hand belong to a picture of which they are no farther in time than this.
 const SAME_PICTURE: Interval = Interval(1_000_000);
