@@ -2,7 +2,7 @@
 //!
 //! 1. From many rotations that are spread evenly, each with the middle of the one shape on the middle of that part of the other which would face the same way, coarse registrations begin; the place given is
 //!    one of the starts.
-//! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count as much as all others together.
+//! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count four times as much as all others together.
 //! 3. The starts that lay most of the shape on the other go on with all detail.
 //! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
 //!
