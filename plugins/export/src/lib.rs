@@ -14,6 +14,7 @@
 //! | [`export.bvh`](bvh::ExportBvh) | `motion.bvh`: the body that eight targets sit on, as a skeleton that moves |
 //! | [`export.retarget`](retarget::ExportRetarget) | the motion of a body on another skeleton: a BVH or a GLB rig |
 //! | [`export.bodies`](bodies::ExportBodies) | skeletons: `bodies.csv`, one BVH a body, skinned shapes as `bodies.glb` |
+//! | [`export.tracked`](tracked::ExportTracked) | `tracked.csv`: followed points of a surface, with velocity, acceleration, and where trajectories end |
 //! | [`export.cloud`](cloud::ExportCloud) | point clouds as PLY and GLB, and as range, normal and shaded pictures of their camera |
 //! | [`export.surface`](surface::ExportSurface) | a surface as PLY and GLB, and as a range and a shaded picture |
 //! | [`export.voxels`](voxels::ExportVoxels) | voxels as PLY and GLB |
@@ -47,6 +48,7 @@ mod target_rows;
 pub mod targets;
 mod time_base;
 mod track_history;
+pub mod tracked;
 pub mod trc;
 pub mod voxel_overlay;
 pub mod voxels;
@@ -73,4 +75,5 @@ pub fn register(registry: &mut Registry) {
     registry.add::<retarget::ExportRetarget>();
     registry.add::<cloud::ExportCloud>();
     registry.add::<surface::ExportSurface>();
+    registry.add::<tracked::ExportTracked>();
 }
