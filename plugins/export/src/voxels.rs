@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `voxels_NUMBER.ply` | binary, little endian: the faces between voxels and what is none, as squares of two triangles with colours, in metres of the world |
 //! | `voxels_NUMBER.glb` | the same for viewers; y up |
-//! | `voxels_NUMBER_points.ply` | on demand: the centre of each voxel with its colour, views that saw it, views that dissent, and its component |
+//! | `voxels_NUMBER_points.ply` | on demand: the centre of each surface voxel (on demand of those inside, too) with its colour, views that saw it, views that dissent, and its component |
 //!
 //! Numbers count the sets of voxels that came. Source: G. Turk, "The PLY polygon file format", 1994.
 
@@ -35,8 +35,10 @@ pub struct ExportVoxelsSettings {
     pub ply: bool,
     /// Whether GLB files of the faces are written [–]
     pub glb: bool,
-    /// Whether PLY files of the voxels' centres are written [–]
+    /// Whether PLY files of the voxels' centres are written: of those at the surface [–]
     pub points: bool,
+    /// Whether these have the voxels inside, too: for volumes, not for comparisons with surfaces [–]
+    pub inside: bool,
     /// One set in so many is written [–]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,
@@ -47,7 +49,7 @@ pub struct ExportVoxelsSettings {
 
 impl Default for ExportVoxelsSettings {
     fn default() -> Self {
-        Self { ply: true, glb: true, points: false, every_n: 50, max_sets: 20 }
+        Self { ply: true, glb: true, points: false, inside: false, every_n: 50, max_sets: 20 }
     }
 }
 
@@ -83,7 +85,7 @@ impl Node for ExportVoxels {
         let Some(voxels) = io.take(&VOXELS) else { return Ok(()) };
         let number = self.n_come;
         self.n_come += 1;
-        let ExportVoxelsSettings { ply, glb, points, every_n, max_sets } = self.settings;
+        let ExportVoxelsSettings { ply, glb, points, inside, every_n, max_sets } = self.settings;
         if !number.is_multiple_of(every_n) || self.written >= max_sets || !self.file.is_wanted() {
             return Ok(());
         }
@@ -101,7 +103,7 @@ impl Node for ExportVoxels {
             put(format!("{stem}.glb"), &bytes)?;
         }
         if points {
-            put(format!("{stem}_points.ply"), &points_ply(&voxels.value))?;
+            put(format!("{stem}_points.ply"), &points_ply(&voxels.value, inside))?;
         }
         Ok(())
     }
@@ -156,16 +158,18 @@ pub fn faces(voxels: &Voxels) -> Mesh {
     Mesh { time: voxels.time, world_from_mesh: Isometry3::identity(), ..Mesh::new(vertices, &triangles) }
 }
 
-/// The centre of each voxel as a binary PLY file, in metres of the world.
-pub fn points_ply(voxels: &Voxels) -> Vec<u8> {
-    let mut header = format!("ply\nformat binary_little_endian 1.0\ncomment metres\nelement vertex {}\n", voxels.len());
+/// The centre of each voxel at the surface, and with `inside` of all others, as a binary PLY file, in metres of the world.
+pub fn points_ply(voxels: &Voxels, inside: bool) -> Vec<u8> {
+    let wanted = || voxels.iter().filter(|it| inside || it.is_surface);
+    let n = wanted().count();
+    let mut header = format!("ply\nformat binary_little_endian 1.0\ncomment metres\nelement vertex {n}\n");
     ["x", "y", "z"].iter().for_each(|it| header += &format!("property float {it}\n"));
     for property in ["red", "green", "blue", "seen", "dissent"] {
         header += &format!("property uchar {property}\n");
     }
     header += "property ushort component\nend_header\n";
     let mut bytes = header.into_bytes();
-    for voxel in voxels.iter() {
+    for voxel in wanted() {
         let point = voxels.world_from_scale * voxels.centre(voxel.index);
         bytes.extend(point.iter().flat_map(|it| (*it as f32).to_le_bytes()));
         bytes.extend(voxel.colour);
@@ -194,7 +198,7 @@ mod tests {
     #[test]
     fn node_keeps_its_promises() {
         check_node::<ExportVoxels>("");
-        check_node::<ExportVoxels>("points = true\nevery_n = 7");
+        check_node::<ExportVoxels>("points = true\ninside = true\nevery_n = 7");
     }
 
     #[test]
@@ -214,7 +218,11 @@ mod tests {
 
     #[test]
     fn points_are_read_back() {
-        let read = read(&points_ply(&voxels())).unwrap();
-        assert_eq!(read.points[2], Point3::new(2.75, 1.75, 1.75));
+        let read_back = read(&points_ply(&voxels(), false)).unwrap();
+        assert_eq!(read_back.points[2], Point3::new(2.75, 1.75, 1.75));
+        let mut with_inside = voxels();
+        with_inside.push(&Voxel { index: [1, 1, 1], is_surface: false, ..Voxel::default() });
+        let count = |inside: bool| read(&points_ply(&with_inside, inside)).unwrap().points.len();
+        assert_eq!([count(false), count(true)], [3, 4]);
     }
 }
