@@ -1,5 +1,6 @@
 //! Bodies in voxels: the node, and its message.
 
+mod bounded;
 mod message;
 mod node;
 mod smoother;

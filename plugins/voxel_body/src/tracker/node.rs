@@ -3,13 +3,14 @@
 use foveate::geometry::body::filter::MotionOptions;
 use foveate::geometry::body::tracker::LevelOptions;
 use foveate::geometry::body::{
-    AcquisitionOptions, Cubes, Joint, Labelled, Part, People, PeopleOptions, TrackerOptions, proportions::Proportions,
+    AcquisitionOptions, Joint, Labelled, Part, People, PeopleOptions, TrackerOptions, proportions::Proportions,
 };
 use foveate::prelude::*;
 use nalgebra::{Matrix6, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::bounded::{Bounded, MOST_VOXELS, is_huge};
 use super::message::{cameras_of, skeleton_of};
 use super::smoother::Smoother;
 
@@ -75,6 +76,9 @@ pub struct BodyTrackerSettings {
     /// Fewer voxels than this are no body [l]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub least_l: f64,
+    /// A piece that holds more than this is no body, nor several: it is left out, and its volume said. Finding bodies in a hull of a whole room would take minutes [l]
+    #[schemars(range(min = 1.0, max = 1000000.0))]
+    pub most_l: f64,
     /// A limb that voxels have not supported for so long leaves the model; a head or torso, the body [ms]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub lost_ms: f64,
@@ -95,7 +99,7 @@ pub struct BodyTrackerSettings {
 }
 
 impl Default for BodyTrackerSettings {
-    /// As the library has them: see `docs/bodies.md`.
+    /// As the library has them: see `docs/bodies.md`. A heap of six people in hulls of four views holds less than 1500 l.
     fn default() -> Self {
         let people = PeopleOptions::default();
         let TrackerOptions { acquisition, fit, motion, levels, proportions, .. } = people.tracker;
@@ -105,6 +109,7 @@ impl Default for BodyTrackerSettings {
             crust_share: acquisition.crust_share,
             crust_mm: acquisition.crust.map(|it| it * 1e3),
             least_l: acquisition.least_volume * 1e3,
+            most_l: 1500.0,
             lost_ms: levels.lost_s * 1e3,
             sigma_mm: fit.sigma * 1e3,
             turning: motion.upper_turning,
@@ -157,8 +162,9 @@ pub struct BodyTrackerNode {
     n_unmodelled: u64,
     unexplained: f64,
     reasons: Vec<(String, u64)>,
-    indices: Vec<[u16; 3]>,
-    components: Vec<u16>,
+    most: f64,
+    bounded: Bounded,
+    n_coarse: u64,
 }
 
 impl Node for BodyTrackerNode {
@@ -182,6 +188,10 @@ impl Node for BodyTrackerNode {
         }
         if !settings.marks.is_empty() && !setup.is_connected(&MARKS) {
             return Err(ConfigError::at("marks", "found marks, expected targets at the input `marks` that they are"));
+        }
+        if settings.most_l < settings.least_l {
+            let message = format!("found {}, expected `least_l` or more: {}", settings.most_l, settings.least_l);
+            return Err(ConfigError::at("most_l", message));
         }
         let mut marks = Vec::new();
         for mark in &settings.marks {
@@ -208,8 +218,9 @@ impl Node for BodyTrackerNode {
             n_unmodelled: 0,
             unexplained: 0.0,
             reasons: Vec::new(),
-            indices: Vec::new(),
-            components: Vec::new(),
+            most: settings.most_l * 1e-3,
+            bounded: Bounded::default(),
+            n_coarse: 0,
         })
     }
 
@@ -223,14 +234,9 @@ impl Node for BodyTrackerNode {
             return Ok(());
         }
         self.last = Some(time);
-        self.indices.clear();
-        self.components.clear();
-        for voxel in voxels.iter() {
-            self.indices.push(voxel.index);
-            self.components.push(voxel.component);
-        }
-        let cubes =
-            Cubes { size: voxels.size, origin: voxels.origin, indices: &self.indices, components: &self.components };
+        self.bounded.take(voxels, self.most);
+        self.n_coarse += u64::from(self.bounded.merged() > 1);
+        let cubes = self.bounded.cubes(voxels);
         let marks = io.latest(&MARKS).filter(|it| (time - it.value.time).as_s().abs() < 0.1);
         let seen: Vec<Labelled> = marks.map_or(Vec::new(), |it| self.labelled(it.value, time));
         // Marks of one person: of several bodies the nearest wears them.
@@ -257,6 +263,17 @@ impl Node for BodyTrackerNode {
                 }
             })
             .collect();
+        let huge = voxels.components.iter().filter(|it| is_huge(it, voxels.size, self.most)).map(|it| Unmodelled {
+            centroid: it.centroid,
+            volume: f64::from(it.n_voxels) * voxels.size.powi(3),
+            target: it.target,
+            reason: format!(
+                "more than a heap of bodies holds: {:.0} l, expected `most_l` = {:.0} l at most",
+                1e3 * f64::from(it.n_voxels) * voxels.size.powi(3),
+                1e3 * self.most
+            ),
+        });
+        let unmodelled: Vec<Unmodelled> = unmodelled.into_iter().chain(huge).collect();
         self.n_unmodelled += unmodelled.len() as u64;
         for it in &unmodelled {
             // Without the numbers in it.
@@ -298,6 +315,12 @@ impl Node for BodyTrackerNode {
         }
         if let Some((first, complete)) = self.first_voxels.zip(self.complete) {
             report.figure("voxel_body.parts_found_s", (complete - first).as_s());
+        }
+        if self.n_coarse > 0 {
+            report.remark(format!(
+                "In {} of {} messages there were more than {MOST_VOXELS} voxels: bodies were looked for in voxels twice as large or more (`voxel_mm` of the carver).",
+                self.n_coarse, self.n_messages
+            ));
         }
         for (reason, count) in &self.reasons {
             report.remark(format!("No body was made of voxels large enough for one, {count} times: {reason}."));

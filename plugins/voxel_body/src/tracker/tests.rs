@@ -187,7 +187,59 @@ fn settings_that_make_no_sense_are_refused() {
     };
     let crust = BodyTrackerSettings { crust_mm: [150.0, 60.0], ..BodyTrackerSettings::default() };
     assert_eq!(refused(crust), "crust_mm");
+    let volumes = BodyTrackerSettings { least_l: 20.0, most_l: 10.0, ..BodyTrackerSettings::default() };
+    assert_eq!(refused(volumes), "most_l");
     let mark = MarkOn { target: 3, part: "left-foot".to_owned(), at: [0.0; 3], sigma_mm: 30.0 };
     let marks = BodyTrackerSettings { marks: vec![mark], ..BodyTrackerSettings::default() };
     assert_eq!(refused(marks), "marks");
+}
+
+/// All of a grid, one component.
+fn filled(cells: [u16; 3], size: f64) -> Voxels {
+    let mut voxels = Voxels { size, cells: cells.map(u32::from), ..Voxels::default() };
+    for (z, y) in (0..cells[2]).flat_map(|z| (0..cells[1]).map(move |y| (z, y))) {
+        (0..cells[0]).for_each(|x| voxels.push(&Voxel { index: [x, y, z], ..Voxel::default() }));
+    }
+    voxels.components = vec![VoxelComponent {
+        n_voxels: voxels.len() as u32,
+        centroid: Point3::origin(),
+        min: [0; 3],
+        max: cells.map(|it| it - 1),
+        is_cut_off: false,
+        target: None,
+    }];
+    voxels
+}
+
+#[test]
+fn a_hull_of_a_whole_room_is_left_out_with_its_volume() {
+    let mut bench = bench();
+    bench.feed(&VOXELS, Time::ZERO, filled([100, 100, 100], 0.03)).unwrap();
+    let message = &bench.outputs(&SKELETONS)[0].value;
+    assert!(message.list.is_empty() && message.unmodelled.len() == 1);
+    let reason = &message.unmodelled[0].reason;
+    assert!(reason.contains("27000 l, expected `most_l` = 1500 l at most"), "{reason}");
+    let report = bench.finish().unwrap();
+    assert!(report.remarks.iter().any(|it| it.contains("more than a heap of bodies")), "{:?}", report.remarks);
+}
+
+#[test]
+fn voxels_that_are_too_many_are_merged_where_half_of_them_are_there() {
+    use super::bounded::{Bounded, MOST_VOXELS};
+    let mut fine = filled([100, 100, 60], 0.01);
+    let mut bounded = Bounded::default();
+    bounded.take(&fine, 10.0);
+    assert_eq!((bounded.merged(), bounded.cubes(&fine).indices.len(), bounded.cubes(&fine).size), (2, 75_000, 0.02));
+    // A layer at the top that is half a cube thick stays, one that is three of eight does not.
+    assert!(fine.len() > MOST_VOXELS);
+    for (x, y) in (0..100).flat_map(|x| (0..100).map(move |y| (x, y))) {
+        let is_kept = x < 50 || (x % 2, y % 2) != (1, 1);
+        if is_kept {
+            fine.push(&Voxel { index: [x, y, 60], ..Voxel::default() });
+        }
+    }
+    bounded.take(&fine, 10.0);
+    assert_eq!(bounded.cubes(&fine).indices.iter().filter(|it| it[2] == 30).count(), 25 * 50);
+    bounded.take(&filled([10, 10, 10], 0.01), 10.0);
+    assert_eq!((bounded.merged(), bounded.cubes(&fine).indices.len()), (1, 1000));
 }
