@@ -12,6 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::hull::{Hull, HullOptions, View, Volume};
 
+mod words;
+
+use words::Words;
+
 ports! {
     SILHOUETTES: In<Silhouette> = synced("silhouettes", 4).many();
     IMAGES: In<Image> = latest("images").many().optional();
@@ -51,10 +55,15 @@ pub struct CarverSettings {
     /// Views in whose picture a voxel has to lie; 0: in all that carve. With cameras that see a part of the volume each, such as heads, 2 or 3 [–]
     #[schemars(range(min = 0, max = 255))]
     pub min_views: usize,
-    /// Pieces that hang together and hold less than this are left out [l]
+    /// Part of the views that may have lost a piece of the body: where several other views show body that no voxel covers, voxels are kept that so many views deny. Where silhouettes fit
+    /// each other nothing is added. 0: no view may [–]
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub may_lose: f64,
+    /// Pieces that hang together and hold less than this are left out. Left out: those below a litre and below a twentieth of the largest [l]
     #[schemars(range(min = 0.0, max = 1000000.0))]
-    pub min_component_l: f64,
-    /// A view that covers less than this of the silhouettes of all others, which without it is covered, contradicts them and is left out; with four views or more. 0: none is [–]
+    pub min_component_l: Option<f64>,
+    /// Where voxels cover less than this of the silhouettes, in the mean, views are tried one by one: without one that contradicts them the others are covered better, and it is left out; with four views or
+    /// more. 0: none is [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_completeness: f64,
     /// How far a target may be from a body that it names [mm]
@@ -70,15 +79,17 @@ pub struct CarverSettings {
 }
 
 impl Default for CarverSettings {
-    /// 20 mm, no view errs, seen by all, pieces from a litre on (a head has four), no pixel in doubt; a shadow's rims are blurred by less than 150 mm.
+    /// 20 mm, no view errs everywhere and one of four here and there, seen by all (a head has four litres), no pixel in doubt; a shadow's rims are blurred by less than 150 mm. Silhouettes that fit
+    /// each other are covered to 0.97 and more.
     fn default() -> Self {
         Self {
             voxel_mm: 20.0,
             volume_m: None,
             may_err: 0,
             min_views: 0,
-            min_component_l: 1.0,
-            min_completeness: 0.6,
+            may_lose: 0.25,
+            min_component_l: None,
+            min_completeness: 0.97,
             target_reach_mm: 200.0,
             may_be: 0.5,
             shadow_height_mm: 150.0,
@@ -101,6 +112,8 @@ pub struct Carver {
     /// By camera that ever gave a silhouette.
     tally: BTreeMap<CameraId, CameraTally>,
     totals: Totals,
+    words: Words,
+    volume: Volume,
 }
 
 #[derive(Default)]
@@ -151,7 +164,8 @@ impl Node for Carver {
                 return Err(ConfigError::at(name, message));
             }
         }
-        ConfigError::unless_in("min_component_l", settings.min_component_l, 0.0..=1e6)?;
+        ConfigError::unless_in("may_lose", settings.may_lose, 0.0..=0.5)?;
+        ConfigError::unless_in("min_component_l", settings.min_component_l.unwrap_or(0.0), 0.0..=1e6)?;
         ConfigError::unless_in("min_completeness", settings.min_completeness, 0.0..=1.0)?;
         ConfigError::unless_in("may_be", settings.may_be, 0.02..=0.5)?;
         ConfigError::unless_in("shadow_height_mm", settings.shadow_height_mm, 0.0..=1e5)?;
@@ -168,7 +182,9 @@ impl Node for Carver {
             size: settings.voxel_mm / 1e3,
             may_err: settings.may_err,
             min_views: settings.min_views,
-            min_component: settings.min_component_l / 1e3,
+            n_cameras,
+            may_lose: settings.may_lose,
+            min_component: settings.min_component_l.map(|it| it / 1e3),
             min_completeness: settings.min_completeness,
             target_reach: settings.target_reach_mm / 1e3,
             doubt: DoubtOptions {
@@ -184,6 +200,8 @@ impl Node for Carver {
             poses: VecDeque::new(),
             tally: BTreeMap::new(),
             totals: Totals::default(),
+            words: Words::default(),
+            volume,
         })
     }
 
@@ -231,10 +249,14 @@ impl Node for Carver {
             .collect();
         let mut voxels = Voxels { time, world_from_scale, ..Voxels::default() };
         let cameras: Vec<CameraId> = self.tally.keys().copied().collect();
-        match self.hull.carve(&views, &cameras, &targets, &mut voxels) {
-            Ok(n_dropped) => {
+        let result = self.hull.carve(&views, &cameras, &targets, &mut voxels);
+        let seen: Vec<&Silhouette> = views.iter().map(|it| it.silhouette).collect();
+        self.words.hear(&seen, self.hull.contradictions());
+        match result {
+            Ok(dropped) => {
                 drop(views);
-                self.count(&voxels, n_dropped);
+                self.count(&voxels, dropped.count);
+                self.words.see(&voxels, dropped.largest);
                 io.emit_at(&VOXELS, time, voxels);
             }
             Err(reason) => {
@@ -263,12 +285,15 @@ impl Node for Carver {
             totals.litres.sort_by(f64::total_cmp);
             report.figure("hull_l", totals.litres[totals.litres.len() / 2]);
         }
-        if totals.n_covered > 0 {
-            report.figure("completeness", totals.covered / totals.n_covered as f64);
+        let covered = (totals.n_covered > 0).then(|| totals.covered / totals.n_covered as f64);
+        if let Some(covered) = covered {
+            report.figure("completeness", covered);
         }
+        let mut of_cameras = Vec::new();
         for (camera, tally) in &self.tally {
             let name = self.setup.calibration.cameras.get(usize::from(camera.0)).map_or("?", |it| it.name.as_str());
             if tally.n_compared > 0 {
+                of_cameras.push((tally.covered / tally.n_compared as f64, name));
                 report.figure(format!("completeness.{name}"), tally.covered / tally.n_compared as f64);
                 report.figure(format!("outside.{name}"), tally.outside / tally.n_compared as f64);
             }
@@ -278,6 +303,7 @@ impl Node for Carver {
                 report.remark(format!("{name}: views left out: {}", reasons.join(", ")));
             }
         }
+        self.words.say(&self.setup, &self.volume, covered, &of_cameras, report);
         Ok(())
     }
 }

@@ -1,5 +1,12 @@
 //! From the silhouettes of one time to voxels: which views carve, the bounding volume, the hull, its parts, its colours.
 
+mod contradiction;
+mod displaced;
+mod losses;
+
+pub use contradiction::Contradiction;
+pub use displaced::{Fit, fit};
+
 use foveate::geometry::Camera;
 use foveate::geometry::voxels::{
     BitGrid, CarveError, CarveOptions, Carver, Cover, Doubt, DoubtOptions, Part, Parts, Picture, SilhouetteView,
@@ -9,6 +16,8 @@ use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use losses::Losses;
 
 /// A box along the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -29,14 +38,27 @@ pub struct HullOptions {
     pub may_err: usize,
     /// Views in whose picture a voxel has to lie; 0: in all that carve.
     pub min_views: usize,
-    /// Smaller parts are left out [m³].
-    pub min_component: f64,
-    /// A view without which the silhouettes of all others are covered, and with which less than this part of one is not, is left out [–].
+    /// Cameras of the calibration.
+    pub n_cameras: usize,
+    /// Part of the views that may have lost a voxel that others ask for [–].
+    pub may_lose: f64,
+    /// Smaller parts are left out [m³]; `None`: those below a litre and below a twentieth of the largest.
+    pub min_component: Option<f64>,
+    /// Where voxels cover less than this of the silhouettes, in the mean, a view is looked for that contradicts the others; 0: never [–].
     pub min_completeness: f64,
     /// How far a target may be from the part that it names [m].
     pub target_reach: f64,
     /// When voxels are kept that some views only call perhaps body.
     pub doubt: DoubtOptions,
+}
+
+/// Pieces that were left out for their size.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Dropped {
+    /// How many.
+    pub count: usize,
+    /// Of the largest [m³].
+    pub largest: f64,
 }
 
 /// One camera's part.
@@ -56,16 +78,22 @@ pub struct Hull {
     options: HullOptions,
     grid: VoxelGrid,
     carver: Carver,
-    /// Tries views.
+    /// Tries views: what views say of each voxel is asked of the other one later.
     trials: Carver,
     doubt: Doubt,
+    losses: Losses,
     drawn: Vec<u8>,
+    /// Who contradicts the others, as found last.
+    contradictions: Vec<Contradiction>,
+    /// Sets until it is looked for again.
+    until_search: u32,
 }
 
-/// Views, at least, for one of them to be found in contradiction to the others.
-const TO_CONTRADICT: usize = 4;
-/// How many times larger voxels are while views are tried.
-const COARSE: f64 = 2.0;
+/// Why one view carves nothing.
+pub(crate) const ONE_VIEW: &str =
+    "one view alone bounds no body: no other camera has a silhouette of this time that is worth anything";
+/// A litre, and the part of the largest piece, below which pieces are left out where nothing is said [m³, –].
+const SMALLEST: [f64; 2] = [1e-3, 0.05];
 
 impl Hull {
     /// For a volume.
@@ -80,11 +108,19 @@ impl Hull {
             carver: Carver::default(),
             trials: Carver::default(),
             doubt: Doubt::default(),
+            losses: Losses::default(),
             drawn: Vec::new(),
+            contradictions: Vec::new(),
+            until_search: 0,
         })
     }
 
-    /// Fills `voxels` (all but its time and place) with what `views` leave over; `cameras` are all that should have one, `targets` who may be there. Gives how many small parts
+    /// The views that were left out of the last set for contradicting the others.
+    pub fn contradictions(&self) -> &[Contradiction] {
+        &self.contradictions
+    }
+
+    /// Fills `voxels` (all but its time and place) with what `views` leave over; `cameras` are all that should have one, `targets` who may be there. Gives which small pieces
     /// were left out.
     ///
     /// # Errors
@@ -95,7 +131,7 @@ impl Hull {
         cameras: &[CameraId],
         targets: &[(TargetId, Point3<f64>)],
         voxels: &mut Voxels,
-    ) -> Result<usize, String> {
+    ) -> Result<Dropped, String> {
         let mut statuses: Vec<ViewStatus> = views.iter().map(|it| self.status(it)).collect();
         leave_out_empty(&mut statuses, views);
         let result = self.carve_with(views, &mut statuses, targets, voxels);
@@ -118,27 +154,29 @@ impl Hull {
         statuses: &mut [ViewStatus],
         targets: &[(TargetId, Point3<f64>)],
         voxels: &mut Voxels,
-    ) -> Result<usize, String> {
+    ) -> Result<Dropped, String> {
         if !statuses.contains(&ViewStatus::Used) {
             return Err("no camera has a silhouette that is worth anything".to_owned());
         }
-        let mut found = self.hull_of(views, statuses, self.grid)?;
-        // What views say of each voxel is asked of the carver later: trials have one of their own.
-        std::mem::swap(&mut self.carver, &mut self.trials);
-        let contradicting = self.contradicting(views, statuses, found.as_ref());
-        std::mem::swap(&mut self.carver, &mut self.trials);
-        if let Some(at) = contradicting? {
-            statuses[at] = ViewStatus::Contradicts;
-            found = self.hull_of(views, statuses, self.grid)?;
+        let n_used = statuses.iter().filter(|it| **it == ViewStatus::Used).count();
+        if n_used == 1 && self.options.n_cameras > 1 {
+            return Err(ONE_VIEW.to_owned());
         }
+        let found = self.leave_out_contradicting(views, statuses)?;
+        let found = self.with_losses(views, statuses, found)?;
         (voxels.size, voxels.origin, voxels.cells) = (self.grid.size, self.grid.origin, self.grid.cells);
-        let Some(Found { grid, offset, hull, sure, surface }) = found else { return Ok(0) };
+        let Some(Found { grid, offset, hull, sure, surface }) = found else { return Ok(Dropped::default()) };
         for (view, status) in views.iter().zip(&*statuses) {
             let cover = cover(&grid, &surface, &silhouette_view(view), &mut self.drawn);
             voxels.views.push(statement(view.silhouette.camera, *status, cover));
         }
         let parts = Parts::of(&hull);
-        let least = (self.options.min_component / grid.size.powi(3)).ceil().max(1.0);
+        let largest = parts.list.first().map_or(0.0, |it| f64::from(it.n_voxels));
+        let least = match self.options.min_component {
+            Some(least) => least / grid.size.powi(3),
+            None => (SMALLEST[0] / grid.size.powi(3)).min(SMALLEST[1] * largest),
+        };
+        let least = least.ceil().max(1.0);
         let n_kept = parts.list.iter().take_while(|it| f64::from(it.n_voxels) >= least).count().min(1 << 16);
         voxels.components = parts.list[..n_kept].iter().map(|it| self.component(it, &grid, offset)).collect();
         name(&mut voxels.components, targets, &self.grid, self.options.target_reach);
@@ -171,7 +209,9 @@ impl Hull {
                 component: component as u16,
             });
         }
-        Ok(parts.list.len() - n_kept)
+        let left_out = &parts.list[n_kept..];
+        let largest = left_out.first().map_or(0.0, |it| f64::from(it.n_voxels) * grid.size.powi(3));
+        Ok(Dropped { count: left_out.len(), largest })
     }
 
     fn status(&self, view: &View) -> ViewStatus {
@@ -202,18 +242,25 @@ impl Hull {
     /// The hull of the views that are used; `None` without a voxel.
     fn hull_of(&mut self, views: &[View], statuses: &[ViewStatus], grid: VoxelGrid) -> Result<Option<Found>, String> {
         let used = used_views(views, statuses);
-        // With fewer views than planned for, fewer may err.
-        let may_err = self.options.may_err.min(used.len().saturating_sub(1));
-        let options = CarveOptions { may_err, min_views: self.options.min_views };
-        let words = |error: CarveError| error.to_string();
-        let doubt = self.options.doubt;
-        let any_doubt = self.doubt.look(&used, &doubt);
+        let options = self.rules(used.len());
+        let any_doubt = self.doubt.look(&used, &self.options.doubt);
         let bounds = match any_doubt {
             true => self.doubt.bounds(&grid, &used, &options),
             false => self.carver.bounds(&grid, &used, &options),
         };
-        let Some([low, high]) = bounds.map_err(words)? else { return Ok(None) };
-        // An empty layer around it, where there is one, so that its surface is known.
+        let Some(bounds) = bounds.map_err(|it| it.to_string())? else { return Ok(None) };
+        let (inner, low) = self.inner(grid, bounds);
+        let found = self.hull_in(views, statuses, inner, low)?;
+        Ok((found.surface.count() > 0).then_some(found))
+    }
+
+    /// With fewer views than planned for, fewer may err.
+    fn rules(&self, n_used: usize) -> CarveOptions {
+        CarveOptions { may_err: self.options.may_err.min(n_used.saturating_sub(1)), min_views: self.options.min_views }
+    }
+
+    /// The part of a grid from its first to its last cell, with an empty layer around it, where there is one, so that its surface is known; and where it begins.
+    fn inner(&self, grid: VoxelGrid, [low, high]: [[u32; 3]; 2]) -> (VoxelGrid, [u32; 3]) {
         let low = low.map(|it| it.saturating_sub(1));
         let high: [u32; 3] = std::array::from_fn(|axis| (high[axis] + 2).min(grid.cells[axis]));
         let inner = VoxelGrid {
@@ -221,55 +268,79 @@ impl Hull {
             cells: std::array::from_fn(|axis| high[axis] - low[axis]),
             ..grid
         };
-        let sure = self.carver.carve(&inner, &used, &options).map_err(words)?.clone();
-        let mut hull = sure.clone();
-        if any_doubt {
-            self.doubt.add(&mut hull, &inner, &used, &options, &doubt).map_err(words)?;
-        }
-        let surface = hull.surface();
-        Ok((surface.count() > 0).then_some(Found { grid: inner, offset: low, hull, sure, surface }))
+        (inner, low)
     }
 
-    /// The view that contradicts the others, if one does: with it the hull leaves much of a silhouette uncovered, without it hardly any of the others'.
-    fn contradicting(
+    /// The hull in a part of the grid; it may be empty.
+    fn hull_in(
         &mut self,
         views: &[View],
         statuses: &[ViewStatus],
-        found: Option<&Found>,
-    ) -> Result<Option<usize>, String> {
-        let used: Vec<usize> = (0..views.len()).filter(|it| statuses[*it] == ViewStatus::Used).collect();
-        let limit = self.options.min_completeness;
-        if used.len() < TO_CONTRADICT || limit == 0.0 {
-            return Ok(None);
+        grid: VoxelGrid,
+        offset: [u32; 3],
+    ) -> Result<Found, String> {
+        let used = used_views(views, statuses);
+        let options = self.rules(used.len());
+        let words = |error: CarveError| error.to_string();
+        let doubt = self.options.doubt;
+        let any_doubt = self.doubt.look(&used, &doubt);
+        let sure = self.carver.carve(&grid, &used, &options).map_err(words)?.clone();
+        let mut hull = sure.clone();
+        if any_doubt {
+            self.doubt.add(&mut hull, &grid, &used, &options, &doubt).map_err(words)?;
         }
-        // Half-way between what is too little and all.
-        let good = 0.5 * (1.0 + limit);
-        let with_all = found.map_or(0.0, |it| self.least_covered(views, &used, it, None));
-        if with_all >= limit {
-            return Ok(None);
-        }
-        let size = COARSE * self.grid.size;
-        let cells = self.grid.cells.map(|it| (f64::from(it) / COARSE).ceil() as u32);
-        let coarse = VoxelGrid { size, cells, ..self.grid };
-        let mut best: Option<(usize, f64)> = None;
-        for &left_out in &used {
-            let mut statuses = statuses.to_vec();
-            statuses[left_out] = ViewStatus::Contradicts;
-            let Some(found) = self.hull_of(views, &statuses, coarse)? else { continue };
-            let covered = self.least_covered(views, &used, &found, Some(left_out));
-            if covered >= good && best.is_none_or(|it| covered > it.1) {
-                best = Some((left_out, covered));
-            }
-        }
-        Ok(best.map(|it| it.0))
+        let surface = hull.surface();
+        Ok(Found { grid, offset, hull, sure, surface })
     }
 
-    /// The least part of a silhouette that the hull covers, over the used views but one.
-    fn least_covered(&mut self, views: &[View], used: &[usize], found: &Found, but: Option<usize>) -> f64 {
-        let used = used.iter().filter(|it| Some(**it) != but);
-        let drawn = &mut self.drawn;
-        let of = |at: &usize| cover(&found.grid, &found.surface, &silhouette_view(&views[*at]), drawn).completeness();
-        used.map(of).fold(1.0, f64::min)
+    /// The hull with what few views have lost and others ask for.
+    fn with_losses(
+        &mut self,
+        views: &[View],
+        statuses: &[ViewStatus],
+        found: Option<Found>,
+    ) -> Result<Option<Found>, String> {
+        let used = used_views(views, statuses);
+        let may_lose = (self.options.may_lose * used.len() as f64) as usize;
+        if may_lose == 0 {
+            return Ok(found);
+        }
+        self.losses.begin();
+        for view in &used {
+            let voxel_px = self.voxel_px(view, found.as_ref());
+            match &found {
+                Some(it) => drop(cover(&it.grid, &it.surface, view, &mut self.drawn)),
+                None => {
+                    self.drawn.clear();
+                    self.drawn.resize(view.confidence.len(), 0);
+                }
+            }
+            self.losses.look(view, self.options.doubt.from, &self.drawn, voxel_px);
+        }
+        if !self.losses.any() {
+            return Ok(found);
+        }
+        let words = |error: CarveError| error.to_string();
+        let may_err = (self.options.may_err + may_lose).min(used.len() - 1);
+        let options = CarveOptions { may_err, min_views: self.options.min_views };
+        let Some(bounds) = self.losses.bounds(&self.grid, &used, &options).map_err(words)? else { return Ok(found) };
+        // What is there already lies within: fewer views may deny it; what is in doubt may not.
+        let bounds = found.as_ref().map_or(bounds, |it| it.united(bounds));
+        let (grid, offset) = self.inner(self.grid, bounds);
+        let mut found = self.hull_in(views, statuses, grid, offset)?;
+        if self.losses.add(&mut found.hull, &grid, &used, &options).map_err(words)? > 0 {
+            found.surface = found.hull.surface();
+        }
+        Ok((found.surface.count() > 0).then_some(found))
+    }
+
+    /// How large a voxel appears, about [px].
+    fn voxel_px(&self, view: &SilhouetteView, found: Option<&Found>) -> f64 {
+        let grid = found.map_or(&self.grid, |it| &it.grid);
+        let middle = grid.origin + Vector3::from(grid.cells.map(f64::from)) * (0.5 * grid.size);
+        let depth = (view.camera.camera_from_world * middle).z;
+        let focal = view.camera.intrinsics.focal[0] / f64::from(view.shrink.max(1));
+        if depth > grid.size { focal * grid.size / depth } else { focal }
     }
 
     fn component(&self, part: &Part, grid: &VoxelGrid, offset: [u32; 3]) -> VoxelComponent {
@@ -296,6 +367,17 @@ struct Found {
     /// Without what is in doubt.
     sure: BitGrid,
     surface: BitGrid,
+}
+
+impl Found {
+    /// First and last index in the whole grid of what holds this and `bounds`.
+    fn united(&self, [low, high]: [[u32; 3]; 2]) -> [[u32; 3]; 2] {
+        let own = |axis: usize| self.offset[axis] + self.grid.cells[axis] - 1;
+        [
+            std::array::from_fn(|axis| low[axis].min(self.offset[axis])),
+            std::array::from_fn(|axis| high[axis].max(own(axis))),
+        ]
+    }
 }
 
 fn used_views<'a>(views: &'a [View], statuses: &[ViewStatus]) -> Vec<SilhouetteView<'a>> {

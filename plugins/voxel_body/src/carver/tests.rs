@@ -68,6 +68,7 @@ fn litres() -> f64 {
 fn node_keeps_its_promises() {
     check_node::<Carver>("volume_m = { min = [0, 0, 0], max = [1, 1, 1] }");
     check_node::<Carver>("volume_m = { min = [0, 0, 0], max = [1, 1, 1] }\nmay_err = 1\nmin_views = 3");
+    check_node::<Carver>("volume_m = { min = [0, 0, 0], max = [1, 1, 1] }\nmay_lose = 0.1\nmin_component_l = 0.5");
     let refused = NodeBench::<Carver>::new(settings()).err().unwrap();
     assert!(refused.message.contains("found no volume"), "{refused:?}");
 }
@@ -239,4 +240,146 @@ fn somebody_as_dark_as_the_floor_is_carved_where_no_view_is_sure_of_background()
         let refused = NodeBench::<Carver>::with_setup(CarverSettings { may_be: bad, ..settings() }, &setup).err();
         assert_eq!(refused.and_then(|it| it.setting).as_deref(), Some("may_be"));
     }
+}
+
+/// What a carver says at the end of one set.
+#[track_caller]
+fn remarks(setup: &Setup, settings: CarverSettings, set: Vec<Silhouette>) -> Vec<String> {
+    let mut bench = NodeBench::<Carver>::with_setup(settings, setup).unwrap();
+    bench.feed_set(&SILHOUETTES, Time::from_s(1.0), set).unwrap();
+    bench.finish().unwrap().remarks
+}
+
+#[track_caller]
+fn check_remark(remarks: &[String], expected: &str) {
+    assert!(remarks.iter().any(|it| it.contains(expected)), "expected {expected:?} in {remarks:#?}");
+}
+
+#[test]
+fn a_camera_that_is_off_by_less_than_a_body_is_left_out_and_named_with_its_shift() {
+    let true_setup = setup();
+    let set = set(&true_setup, &[[0.1, 0.0]]);
+    let pixels_of = |metres: f64| {
+        let camera = &true_setup.calibration.cameras[2].camera;
+        let depth = (camera.camera_from_world * Point3::new(0.1, 0.0, 1.0)).z;
+        (camera.intrinsics.focal[0] * metres / depth).round() as i32
+    };
+    for off in [0.1, -0.2] {
+        let mut calibration = Calibration::clone(&true_setup.calibration);
+        // The camera is said to stand to its right.
+        calibration.cameras[2].camera.camera_from_world.translation.x -= off;
+        let told = Setup { calibration: Arc::new(calibration), ..setup() };
+        let settings = CarverSettings { voxel_mm: 20.0, ..settings() };
+        let voxels = carve(&told, settings.clone(), set.clone());
+        let statuses: Vec<ViewStatus> = voxels.views.iter().map(|it| it.status).collect();
+        let expected = |it| if it == 2 { ViewStatus::Contradicts } else { ViewStatus::Used };
+        assert_eq!(statuses, (0..N).map(expected).collect::<Vec<_>>());
+        let ratio = voxels.volume() * 1e3 / litres();
+        assert!((0.95..1.3).contains(&ratio), "{ratio}");
+        // It sees the body farther right than the others say, by as much.
+        let px = pixels_of(off);
+        let side = if px > 0 { "right" } else { "left" };
+        let name = &told.calibration.cameras[2].name;
+        check_remark(
+            &remarks(&told, settings, set.clone()),
+            &format!(
+                "{name}: left out of 1 of 1 sets, for it contradicts the others: its silhouettes lie {} px {side}",
+                px.abs()
+            ),
+        );
+    }
+}
+
+#[test]
+fn what_one_view_lost_is_kept_where_the_others_ask_for_it() {
+    let setup = setup();
+    let whole = set(&setup, &[[0.1, 0.0]]);
+    let cut = |set: &[Silhouette]| {
+        let mut set = set.to_vec();
+        // One view loses the upper two fifths.
+        let it = &mut set[1];
+        let rows: Vec<usize> =
+            (0..it.height as usize).filter(|row| it.confidence[row * 160..][..160].iter().any(|it| *it > 0)).collect();
+        let top = rows[0]..rows[2 * rows.len() / 5];
+        it.confidence[top.start * 160..top.end * 160].fill(0);
+        it.n_body = it.confidence.iter().filter(|it| **it > 0).count() as u32;
+        set
+    };
+    let with = |may_lose: f64, set: Vec<Silhouette>| {
+        carve(&setup, CarverSettings { may_lose, min_completeness: 0.0, voxel_mm: 20.0, ..settings() }, set)
+    };
+    let (truth, lost, kept) = (with(0.0, whole.clone()), with(0.0, cut(&whole)), with(0.25, cut(&whole)));
+    let part = |it: &Voxels| it.volume() / truth.volume();
+    assert!(part(&lost) < 0.9, "{}", part(&lost));
+    assert!((0.95..1.03).contains(&part(&kept)), "{}", part(&kept));
+    assert_eq!(kept.components.len(), 1);
+    // The view that lost it is not taken for one that was moved.
+    let judged = carve(&setup, CarverSettings { voxel_mm: 20.0, ..settings() }, cut(&whole));
+    assert!(judged.views.iter().all(|it| it.status == ViewStatus::Used), "{:?}", judged.views);
+    // Where silhouettes fit each other, and where one alone shows something, the hull is what it was.
+    assert!((part(&with(0.25, whole.clone())) - 1.0).abs() < 0.003);
+    let mut ghost = whole.clone();
+    let of_ghost = silhouette(&setup.calibration, 3, &[[0.1, 0.0], [0.6, 0.6]]);
+    assert!(of_ghost.n_body > ghost[3].n_body + 100);
+    ghost[3] = of_ghost;
+    assert!((part(&with(0.25, ghost.clone())) - 1.0).abs() < 0.003);
+    let name = &setup.calibration.cameras[3].name;
+    check_remark(&remarks(&setup, settings(), ghost), &format!("{name}: the voxels cover"));
+}
+
+#[test]
+fn one_silhouette_for_two_cameras_is_told() {
+    let setup = setup();
+    let mut twice = set(&setup, &[[0.1, 0.0]]);
+    twice[4].confidence = twice[3].confidence.clone();
+    twice[4].n_body = twice[3].n_body;
+    let [a, b] = [3, 4].map(|it| setup.calibration.cameras[it].name.clone());
+    check_remark(
+        &remarks(&setup, settings(), twice),
+        &format!("{a} and {b}: the same silhouette, byte for byte, in 1 of 1 sets"),
+    );
+    let apart = remarks(&setup, settings(), set(&setup, &[[0.1, 0.0]]));
+    assert!(apart.is_empty(), "{apart:?}");
+}
+
+#[test]
+fn views_that_come_one_by_one_carve_nothing_and_are_told_why() {
+    let setup = setup();
+    let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();
+    for (at, it) in set(&setup, &[[0.1, 0.0]]).into_iter().enumerate() {
+        bench.feed_set(&SILHOUETTES, Time::from_s(1.0 + at as f64), vec![it]).unwrap();
+    }
+    let gaps = bench.gaps(&VOXELS);
+    assert!(gaps.len() == N && gaps[0].reason.contains("one view alone bounds no body"), "{gaps:?}");
+    check_remark(&bench.finish().unwrap().remarks, "numbering = \"order\"");
+}
+
+#[test]
+fn a_volume_that_is_too_small_or_in_other_units_is_told_in_words() {
+    let whole = setup();
+    let half = Setup { volume_m: Some([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]]), ..setup() };
+    let said = remarks(&half, settings(), set(&whole, &[[0.1, 0.0]]));
+    check_remark(&said, "reach an end of the volume: its greatest z in 1 of 1 sets");
+    check_remark(&said, "the voxels cover 5");
+    let mut in_mm = Calibration::clone(&whole.calibration);
+    in_mm.cameras.iter_mut().for_each(|it| it.camera.camera_from_world.translation.vector *= 1e3);
+    let in_mm = Setup { calibration: Arc::new(in_mm), ..setup() };
+    check_remark(&remarks(&in_mm, settings(), set(&whole, &[[0.1, 0.0]])), "is the calibration in millimetres");
+    let large = CarverSettings { min_component_l: Some(1000.0), ..settings() };
+    check_remark(&remarks(&whole, large, set(&whole, &[[0.1, 0.0]])), "all pieces were left out in 1 of 1 sets");
+    let coarse = CarverSettings { voxel_mm: 300.0, ..settings() };
+    check_remark(&remarks(&whole, coarse, set(&whole, &[[0.1, 0.0]])), "voxels long");
+}
+
+#[test]
+fn where_several_views_may_err_what_is_said_stays_with_the_voxels_after_views_were_tried() {
+    let setup = setup();
+    let mut set = set(&setup, &[[0.1, 0.0]]);
+    // None of these three is to blame alone: all are tried, none is left out, in a grid of other voxels.
+    for camera in [0, 2, 4] {
+        set[camera] = silhouette(&setup.calibration, camera, &[[0.1, 0.0], [-0.6, 0.6]]);
+    }
+    let settings = CarverSettings { may_err: 1, min_views: 3, min_completeness: 1.0, ..settings() };
+    let voxels = carve(&setup, settings, set);
+    assert!(!voxels.is_empty() && voxels.iter().all(|it| it.seen >= 3 && it.dissent < it.seen));
 }

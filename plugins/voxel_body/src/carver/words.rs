@@ -1,0 +1,202 @@
+//! What a carver says at its end, for people: a hull that is too small, silhouettes that do not fit, sets that lack cameras.
+
+use std::collections::BTreeMap;
+
+use foveate::prelude::*;
+use nalgebra::{Point3, Vector3};
+
+use crate::hull::{Contradiction, Volume};
+
+/// Less than this of the silhouettes covered, in the mean, is said in words [–].
+const TOO_LITTLE: f64 = 0.85;
+/// A camera of whose silhouettes so much less is covered than of the median one's is named [–].
+const APART: f64 = 0.04;
+/// A body of fewer voxels across is said to be coarse.
+const COARSE: f64 = 8.0;
+/// Cameras that are farther away than so many diagonals of the volume have other units, most likely.
+const FAR: f64 = 100.0;
+/// The ends of a volume that a body may reach: its floor is none.
+const ENDS: [&str; 5] = ["least x", "greatest x", "least y", "greatest y", "greatest z"];
+
+/// What is counted for words.
+#[derive(Default)]
+pub(super) struct Words {
+    contradictions: BTreeMap<CameraId, Vec<Contradiction>>,
+    /// Sets in which two cameras had the same silhouette, byte for byte.
+    same: BTreeMap<[CameraId; 2], u64>,
+    cut_off: [u64; 5],
+    /// Most silhouettes in a set.
+    most_views: usize,
+    n_sets: u64,
+    /// Sets without a voxel, although most silhouettes have a body.
+    lost: u64,
+    /// The largest piece that was left out [l], and sets of which nothing else was.
+    dropped_l: f64,
+    all_dropped: u64,
+    /// Voxels across the longest side of the largest body.
+    across: f64,
+}
+
+impl Words {
+    pub(super) fn hear(&mut self, silhouettes: &[&Silhouette], contradictions: &[Contradiction]) {
+        self.n_sets += 1;
+        self.most_views = self.most_views.max(silhouettes.len());
+        for it in contradictions {
+            self.contradictions.entry(it.camera).or_default().push(*it);
+        }
+        for (at, a) in silhouettes.iter().enumerate().filter(|it| it.1.n_body > 0) {
+            let same = |b: &&&Silhouette| b.n_body == a.n_body && b.width == a.width && b.confidence == a.confidence;
+            for b in silhouettes[at + 1..].iter().filter(same) {
+                *self.same.entry([a.camera, b.camera]).or_default() += 1;
+            }
+        }
+    }
+
+    /// A carved set, and the largest piece that was left out of it [m³].
+    pub(super) fn see(&mut self, voxels: &Voxels, dropped: f64) {
+        self.dropped_l = self.dropped_l.max(1e3 * dropped);
+        let with_body = voxels.views.iter().filter(|it| it.body_px > 0).count();
+        self.all_dropped += u64::from(voxels.is_empty() && dropped > 0.0);
+        self.lost += u64::from(voxels.is_empty() && dropped == 0.0 && 2 * with_body > voxels.views.len());
+        let reaches = |at: usize, it: &VoxelComponent| {
+            let axis = if at < 4 { at / 2 } else { 2 };
+            if at.is_multiple_of(2) && at < 4 {
+                it.min[axis] == 0
+            } else {
+                u32::from(it.max[axis]) + 1 == voxels.cells[axis]
+            }
+        };
+        for (at, count) in self.cut_off.iter_mut().enumerate() {
+            *count += u64::from(voxels.components.iter().any(|it| reaches(at, it)));
+        }
+        if let Some(largest) = voxels.components.first() {
+            let longest = (0..3).map(|axis| f64::from(largest.max[axis] - largest.min[axis]) + 1.0).fold(0.0, f64::max);
+            self.across = self.across.max(longest);
+        }
+    }
+
+    /// The remarks; `covered` is the mean part of the silhouettes that voxels cover, where there were any, `least` those of the cameras.
+    pub(super) fn say(
+        &self,
+        setup: &Setup,
+        volume: &Volume,
+        covered: Option<f64>,
+        least: &[(f64, &str)],
+        report: &mut Report,
+    ) {
+        let name =
+            |camera: &CameraId| setup.calibration.cameras.get(usize::from(camera.0)).map_or("?", |it| it.name.as_str());
+        let n_cameras = setup.calibration.cameras.len();
+        if n_cameras > 1 && self.most_views == 1 {
+            report.remark(
+                "no set holds silhouettes of more than one camera, so that nothing was carved: pictures of one moment need one time. Where the numbers in their names count cameras (`{camera}.png`), \
+                 `capture.images` needs `numbering = \"order\"`",
+            );
+        }
+        for ([a, b], n) in &self.same {
+            let (a, b) = (name(a), name(b));
+            report.remark(format!(
+                "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: one folder given for two cameras?",
+                self.n_sets
+            ));
+        }
+        for (camera, list) in &self.contradictions {
+            report.remark(format!("{}: {}", name(camera), contradiction(list, self.n_sets)));
+        }
+        let mut least = least.to_vec();
+        least.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let median = least.get(least.len() / 2).map_or(0.0, |it| it.0);
+        let is_told = |it: &str| self.contradictions.keys().any(|camera| name(camera) == it);
+        for (share, camera) in least.iter().filter(|it| it.0 < median - APART && !is_told(it.1)) {
+            report.remark(format!(
+                "{camera}: the voxels cover {:.0} % of its silhouettes, of the median camera's {:.0} %: it shows what is no body, or its pose is a little off",
+                100.0 * share,
+                100.0 * median
+            ));
+        }
+        if let Some(covered) = covered.filter(|it| *it < TOO_LITTLE) {
+            let worst: Vec<String> =
+                least.iter().take(3).map(|(share, name)| format!("{name} {:.0} %", 100.0 * share)).collect();
+            report.remark(format!(
+                "the voxels cover {:.0} % of the silhouettes, expected 95 % or more (least: {}): the hull is too small where silhouettes miss parts of the body, poses are off, pictures are of another camera or \
+                 time, or the volume ends; or silhouettes show what is no body",
+                100.0 * covered,
+                worst.join(", ")
+            ));
+        }
+        let ends: Vec<String> =
+            ENDS.iter().zip(self.cut_off).filter(|it| it.1 > 0).map(|(end, n)| format!("its {end} in {n}")).collect();
+        if !ends.is_empty() {
+            report.remark(format!(
+                "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`)",
+                ends.join(", "),
+                self.n_sets
+            ));
+        }
+        if self.all_dropped > 0 {
+            report.remark(format!(
+                "all pieces were left out in {} of {} sets; the largest has {:.3} l, expected `min_component_l` or more",
+                self.all_dropped, self.n_sets, self.dropped_l
+            ));
+        }
+        if self.across > 0.0 && self.across < COARSE {
+            report.remark(format!(
+                "the largest body is {} voxels long: a smaller `voxel_mm` shows its shape",
+                self.across
+            ));
+        }
+        if self.lost == self.n_sets && self.lost > 0 {
+            report.remark(format!(
+                "no voxel is left over, although most silhouettes show a body, in any of {} sets: {}",
+                self.n_sets,
+                self.why_nothing(setup, volume)
+            ));
+        } else if self.most_views == 0 || covered.is_none() {
+            self.distances(setup, volume).into_iter().for_each(|it| report.remark(it));
+        }
+    }
+
+    fn why_nothing(&self, setup: &Setup, volume: &Volume) -> String {
+        self.distances(setup, volume).unwrap_or_else(|| {
+            "is the body in the volume (`volume_m`), and does each camera have its own pictures and pose (world to camera, not camera to world)?".to_owned()
+        })
+    }
+
+    /// Where cameras stand too far away for a volume that is given in metres.
+    fn distances(&self, setup: &Setup, volume: &Volume) -> Option<String> {
+        let (min, max) = (Vector3::from(volume.min), Vector3::from(volume.max));
+        let (middle, diagonal) = (Point3::from(0.5 * (min + max)), (max - min).norm());
+        let distances = setup.calibration.cameras.iter().map(|it| (it.camera.centre() - middle).norm());
+        let nearest = distances.fold(f64::INFINITY, f64::min);
+        (nearest.is_finite() && nearest > FAR * diagonal).then(|| {
+            format!(
+                "the nearest camera is {nearest:.0} m away from a volume {diagonal:.3} m across: is the calibration in millimetres (`foveate convert --metres-per-unit 0.001`)?"
+            )
+        })
+    }
+}
+
+/// Of one camera.
+fn contradiction(list: &[Contradiction], n_sets: u64) -> String {
+    let mut text = format!("left out of {} of {n_sets} sets, for it contradicts the others", list.len());
+    if 2 * (list.len() as u64) < n_sets {
+        text += " in these";
+        return text;
+    }
+    let mut fits: Vec<_> = list.iter().filter_map(|it| Some((it.fit?.shift, it.apart))).collect();
+    if 2 * fits.len() < list.len() {
+        text += " and no shift explains it: pictures of another camera or time, mirrored ones, or a wrong calibration";
+        return text;
+    }
+    fits.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+    let ([x, y], [metres, angle]) = fits[fits.len() / 2];
+    let side = |at: i32, less: &str, more: &str| format!("{} px {}", at.abs(), if at < 0 { less } else { more });
+    text += &format!(
+        ": its silhouettes lie {} and {} of where the other views say, {:.0} mm at the body or {:.1} degrees: the camera was moved, or its pose or pictures are another's",
+        side(x, "left", "right"),
+        side(y, "above", "below"),
+        1e3 * metres,
+        angle.to_degrees()
+    );
+    text
+}

@@ -1,0 +1,154 @@
+//! Which views contradict the others: a camera that was moved, a calibration that is wrong, files that are another camera's.
+//!
+//! Without such a view the silhouettes of the others are covered much better, and its own is not covered by what they leave over. A view that only lost an arm differs in that: its silhouette is covered, it lacks
+//! something. What lies in one view only, as a shadow does, carves nothing, so that without it the others are covered as before.
+
+use foveate::geometry::voxels::{SilhouetteView, cover};
+use foveate::prelude::*;
+
+use super::{Fit, Found, Hull, View, fit, silhouette_view};
+
+/// A view that was left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contradiction {
+    /// Of which camera.
+    pub camera: CameraId,
+    /// What the hull of the others would have to be shifted by in its picture to fit its silhouette, where it fits much better then [px of its silhouette].
+    pub fit: Option<Fit>,
+    /// How much that is at the distance of the hull [m], and as an angle [rad].
+    pub apart: [f64; 2],
+}
+
+/// Views, at least, for one of them to be found in contradiction to the others.
+const TO_CONTRADICT: usize = 4;
+/// Views of which one may be left out.
+const ONE_OF: usize = 3;
+/// How many times larger voxels are while views are tried.
+const COARSE: f64 = 2.0;
+/// How much more of the others' silhouettes must be covered without the view, in the mean [–], and of what is not covered with it: where all views lose something, none of them is to blame.
+const GAIN: f64 = 0.015;
+const GAIN_SHARE: f64 = 0.3;
+/// How much less of its own silhouette than of the others' the hull without it must cover [–].
+const OWN: f64 = 0.06;
+/// A shift explains a contradiction that leaves no more than this of the mismatch [–].
+const EXPLAINED: f64 = 0.6;
+/// Views that are tried where the silhouettes fit each other tolerably; below [`BAD`] all are.
+const TRIED: usize = 3;
+const BAD: f64 = 0.6;
+/// Sets for which a finding, or none, holds.
+const HOLDS: u32 = 8;
+
+impl Hull {
+    /// The hull, without views that contradict the others.
+    pub(super) fn leave_out_contradicting(
+        &mut self,
+        views: &[View],
+        statuses: &mut [ViewStatus],
+    ) -> Result<Option<Found>, String> {
+        let n_used = statuses.iter().filter(|it| **it == ViewStatus::Used).count();
+        let limit = self.options.min_completeness;
+        if n_used < TO_CONTRADICT || limit == 0.0 {
+            self.contradictions.clear();
+            return self.hull_of(views, statuses, self.grid);
+        }
+        if self.until_search > 0 {
+            self.until_search -= 1;
+            self.leave_out_known(views, statuses);
+            let found = self.hull_of(views, statuses, self.grid)?;
+            let used = used(statuses);
+            if self.covered(views, &used, found.as_ref()) >= BAD {
+                return Ok(found);
+            }
+            for (view, status) in views.iter().zip(&mut *statuses) {
+                if self.contradictions.iter().any(|it| it.camera == view.silhouette.camera) {
+                    *status = ViewStatus::Used;
+                }
+            }
+        }
+        self.contradictions.clear();
+        let mut found = self.hull_of(views, statuses, self.grid)?;
+        while self.contradictions.len() < n_used / ONE_OF
+            && self.covered(views, &used(statuses), found.as_ref()) < limit
+        {
+            std::mem::swap(&mut self.carver, &mut self.trials);
+            let found_out = self.search(views, statuses);
+            std::mem::swap(&mut self.carver, &mut self.trials);
+            let Some((at, contradiction)) = found_out? else { break };
+            statuses[at] = ViewStatus::Contradicts;
+            self.contradictions.push(contradiction);
+            found = self.hull_of(views, statuses, self.grid)?;
+        }
+        self.until_search = HOLDS;
+        Ok(found)
+    }
+
+    fn leave_out_known(&self, views: &[View], statuses: &mut [ViewStatus]) {
+        for (view, status) in views.iter().zip(statuses) {
+            let is_known = self.contradictions.iter().any(|it| it.camera == view.silhouette.camera);
+            if is_known && *status == ViewStatus::Used {
+                *status = ViewStatus::Contradicts;
+            }
+        }
+    }
+
+    /// The view without which the others are covered best, if it contradicts them.
+    fn search(&mut self, views: &[View], statuses: &[ViewStatus]) -> Result<Option<(usize, Contradiction)>, String> {
+        let size = COARSE * self.grid.size;
+        let cells = self.grid.cells.map(|it| (f64::from(it) / COARSE).ceil() as u32);
+        let coarse = foveate::geometry::voxels::VoxelGrid { size, cells, ..self.grid };
+        let used = used(statuses);
+        let with_all = self.hull_of(views, statuses, coarse)?;
+        let before: Vec<f64> = used.iter().map(|at| self.covered_of(&views[*at], with_all.as_ref())).collect();
+        let mean = before.iter().sum::<f64>() / before.len() as f64;
+        let mut order: Vec<usize> = (0..used.len()).collect();
+        order.sort_by(|a, b| before[*a].total_cmp(&before[*b]));
+        order.truncate(if mean < BAD { used.len() } else { TRIED });
+        let mut best: Option<(f64, usize, Found)> = None;
+        for tried in order {
+            let mut fewer = statuses.to_vec();
+            fewer[used[tried]] = ViewStatus::Contradicts;
+            let Some(found) = self.hull_of(views, &fewer, coarse)? else { continue };
+            let others = (0..used.len()).filter(|it| *it != tried);
+            let gains: f64 = others.map(|it| self.covered_of(&views[used[it]], Some(&found)) - before[it]).sum();
+            let gain = gains / (used.len() - 1) as f64;
+            if gain >= GAIN.max(GAIN_SHARE * (1.0 - mean)) && best.as_ref().is_none_or(|it| gain > it.0) {
+                best = Some((gain, used[tried], found));
+            }
+        }
+        let Some((_, at, found)) = best else { return Ok(None) };
+        let others: Vec<usize> = used.into_iter().filter(|it| *it != at).collect();
+        let of_others = self.covered(views, &others, Some(&found));
+        let own = self.covered_of(&views[at], Some(&found));
+        // `drawn` is the hull of the others in its picture.
+        let view = silhouette_view(&views[at]);
+        let body: Vec<bool> = view.confidence.iter().map(|it| *it >= Silhouette::BODY).collect();
+        let fit = fit(&body, &self.drawn, view.width as usize).filter(|it| it.left_over <= EXPLAINED);
+        if own > of_others - OWN && fit.is_none() {
+            return Ok(None);
+        }
+        Ok(Some((at, Contradiction { camera: views[at].silhouette.camera, fit, apart: apart(&view, &found, fit) })))
+    }
+
+    /// Mean part of the silhouettes that a hull covers.
+    fn covered(&mut self, views: &[View], of: &[usize], found: Option<&Found>) -> f64 {
+        let sum: f64 = of.iter().map(|at| self.covered_of(&views[*at], found)).sum();
+        sum / of.len().max(1) as f64
+    }
+
+    fn covered_of(&mut self, view: &View, found: Option<&Found>) -> f64 {
+        found.map_or(0.0, |it| cover(&it.grid, &it.surface, &silhouette_view(view), &mut self.drawn).completeness())
+    }
+}
+
+fn used(statuses: &[ViewStatus]) -> Vec<usize> {
+    (0..statuses.len()).filter(|it| statuses[*it] == ViewStatus::Used).collect()
+}
+
+/// What a shift is at the distance of the middle of the hull, and as an angle.
+fn apart(view: &SilhouetteView, found: &Found, fit: Option<Fit>) -> [f64; 2] {
+    let Some(fit) = fit else { return [0.0; 2] };
+    let [x, y] = fit.shift.map(f64::from);
+    let angle = x.hypot(y) * f64::from(view.shrink.max(1)) / view.camera.intrinsics.focal[0];
+    let middle = found.grid.origin + nalgebra::Vector3::from(found.grid.cells.map(f64::from)) * (0.5 * found.grid.size);
+    [angle * (view.camera.camera_from_world * middle).z, angle.atan()]
+}

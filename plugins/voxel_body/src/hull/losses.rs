@@ -1,0 +1,149 @@
+//! Voxels that silhouettes ask for and few views deny.
+//!
+//! A pixel of body shows something: if no voxel lies behind it, a view has cut away what is there, since it lost that part of the body. Of the voxels that at most some views deny, those are
+//! kept that lie behind such pixels in several other views. Where silhouettes fit each other nothing is added, so that the hull does not grow as it does where any voxel may be denied.
+//!
+//! Source: J.-L. Landabaso, M. Pardàs, J. R. Casas, "Shape from inconsistent silhouette", CVIU 112(2), 2008: the inconsistent silhouettes (body that the hull does not cover), the cones behind them, and in these alone a
+//! decision by how many views deny a voxel. Here the pixels must be more than a rim, and asked for by several views, since a shadow or somebody else is asked for by one.
+
+use foveate::geometry::voxels::{BODY, BitGrid, CarveError, CarveOptions, Carver, SilhouetteView, VoxelGrid};
+
+/// Adds what was lost; keeps its memory.
+#[derive(Debug, Default)]
+pub struct Losses {
+    carver: Carver,
+    /// By view and pixel: body that no voxel covers.
+    asked: Vec<Vec<u8>>,
+    /// By view: body where it may be. Who is in doubt denies nothing.
+    wide: Vec<Vec<u8>>,
+    /// Whether any view asks for more than `LEAST` of its silhouette.
+    any: bool,
+}
+
+/// Views that must ask for a voxel, at least, and the part of those that call it body.
+const ASKING: usize = 2;
+const ASKING_SHARE: f64 = 1.0 / 3.0;
+/// Less than this part of a silhouette is not asked for [–].
+const LEAST: f64 = 0.01;
+
+impl Losses {
+    /// Begins a set of silhouettes.
+    pub fn begin(&mut self) {
+        self.asked.clear();
+        self.wide.clear();
+        self.any = false;
+    }
+
+    /// Takes in a view, whose pixels may be body from a confidence of `from` on, and what the hull covers of it (a byte a pixel), drawn with voxels of `voxel_px`.
+    pub fn look(&mut self, view: &SilhouetteView, from: u8, drawn: &[u8], voxel_px: f64) {
+        let width = view.width as usize;
+        // Rims that a voxel's centre misses are half a voxel wide.
+        let rim = (0.5 * voxel_px).ceil().clamp(1.0, 64.0) as usize;
+        let covered = grown(drawn, width, rim);
+        let lost: Vec<u8> =
+            covered.iter().zip(view.confidence).map(|(it, body)| u8::from(*it == 0 && *body >= BODY)).collect();
+        let [n_lost, n_body] =
+            [lost.iter().filter(|it| **it > 0).count(), view.confidence.iter().filter(|it| **it >= BODY).count()];
+        self.any |= n_lost as f64 > LEAST * n_body as f64;
+        // Up to the rim again.
+        let mut asked = grown(&lost, width, rim);
+        let not_covered = drawn.iter().zip(view.confidence).map(|(it, body)| u8::from(*it == 0 && *body >= BODY));
+        asked.iter_mut().zip(not_covered).for_each(|(asked, it)| *asked &= it);
+        self.asked.push(asked);
+        self.wide.push(view.confidence.iter().map(|it| u8::from(*it >= from.min(BODY)) * u8::MAX).collect());
+    }
+
+    /// Whether anything is asked for.
+    pub fn any(&self) -> bool {
+        self.any
+    }
+
+    /// A box that holds all that [`Self::add`] may add.
+    ///
+    /// # Errors
+    /// As [`Carver::carve`].
+    pub fn bounds(
+        &mut self,
+        grid: &VoxelGrid,
+        views: &[SilhouetteView],
+        options: &CarveOptions,
+    ) -> Result<Option<[[u32; 3]; 2]>, CarveError> {
+        let Self { carver, wide, .. } = self;
+        carver.bounds(grid, &in_doubt(views, wide), options)
+    }
+
+    /// Adds to `hull` what `options` leave over of `grid` and is asked for; `views` are those that [`Self::look`] took in, in that order. Gives how many were added.
+    ///
+    /// # Errors
+    /// As [`Carver::carve`].
+    pub fn add(
+        &mut self,
+        hull: &mut BitGrid,
+        grid: &VoxelGrid,
+        views: &[SilhouetteView],
+        options: &CarveOptions,
+    ) -> Result<usize, CarveError> {
+        let Self { carver, wide, asked, .. } = self;
+        let possible = carver.carve(grid, &in_doubt(views, wide), options)?;
+        let mut n_added = 0;
+        for index in possible.iter() {
+            if hull.get(index) {
+                continue;
+            }
+            let centre = grid.centre(index);
+            let (mut n_body, mut n_asked) = (0, 0);
+            for (view, asked) in views.iter().zip(&*asked) {
+                let Some(at) = pixel_at(view, &centre) else { continue };
+                n_body += usize::from(view.confidence[at] >= BODY);
+                n_asked += usize::from(asked[at]);
+            }
+            if n_asked >= ASKING && n_asked as f64 >= ASKING_SHARE * n_body as f64 {
+                hull.set(index);
+                n_added += 1;
+            }
+        }
+        Ok(n_added)
+    }
+}
+
+/// The views, body where it may be.
+fn in_doubt<'a>(views: &[SilhouetteView<'a>], wide: &'a [Vec<u8>]) -> Vec<SilhouetteView<'a>> {
+    views.iter().zip(wide).map(|(view, wide)| SilhouetteView { confidence: wide, ..*view }).collect()
+}
+
+/// The place in the silhouette of the pixel that a point falls into.
+fn pixel_at(view: &SilhouetteView, point: &nalgebra::Point3<f64>) -> Option<usize> {
+    let pixel = view.camera.project(point)?;
+    let place = |pixel: f64, start: u32| ((pixel + 0.5 - f64::from(start)) / f64::from(view.shrink)).floor();
+    let (x, y) = (place(pixel.x, view.left), place(pixel.y, view.top));
+    let is_inside = x >= 0.0 && y >= 0.0 && x < f64::from(view.width) && y < f64::from(view.height);
+    is_inside.then(|| y as usize * view.width as usize + x as usize)
+}
+
+/// Set within `by` pixels, along rows and columns.
+fn grown(set: &[u8], width: usize, by: usize) -> Vec<u8> {
+    let along = |row: &[u8], out: &mut [u8]| {
+        let mut until = 0;
+        for (x, it) in row.iter().enumerate() {
+            if *it > 0 {
+                let (first, end) = (x.saturating_sub(by).max(until), (x + by + 1).min(row.len()));
+                out[first..end].fill(1);
+                until = end;
+            }
+        }
+    };
+    let mut wide = vec![0; set.len()];
+    set.chunks_exact(width.max(1)).zip(wide.chunks_exact_mut(width.max(1))).for_each(|(row, out)| along(row, out));
+    let rows = set.len() / width.max(1);
+    let mut high = vec![0; set.len()];
+    for y in 0..rows {
+        let row = &wide[y * width..][..width];
+        if row.iter().all(|it| *it == 0) {
+            continue;
+        }
+        for to in y.saturating_sub(by)..(y + by + 1).min(rows) {
+            high[to * width..][..width].iter_mut().zip(row).for_each(|(high, it)| *high |= it);
+        }
+    }
+    high
+}
