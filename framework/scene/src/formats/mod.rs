@@ -11,6 +11,8 @@
 //! | the same, of a camera and a projector (`cam_K`, `proj_K` …) | a file | the same | +Z, Y down | the camera is the world; `R`, `T` take it to the projector | not said | the same |
 //! | [`Format::MultiCamSelfCal`] | a folder | (1, 1) | +Z, Y down | P = K \[R t\] | not said | k₁ k₂ p₁ p₂ |
 //! | [`Format::Qualisys`] | a file | (0, 0), in 1/64 px | −Z, Y up | rows r₁ r₂ r₃ are the camera's axes; centre | mm | k₁ k₂ k₃ p₁ p₂ |
+//! | Middlebury's `NAME_par.txt`, read alone | a file | (0, 0) | +Z, Y down | K \[R t\] | not said | none |
+//! | COLMAP's text model, read alone | a folder | (0.5, 0.5) | +Z, Y down | quaternion and translation | not said | k₁ k₂ p₁ p₂ (k₃) |
 //! | [`Format::Dlt`] | a file | (1, 1) at the bottom left (easyWand, DLTdv) or the top left ([`DltOrigin`]) | – | 11 coefficients | not said | none |
 //!
 //! All worlds are taken to be right-handed; MultiCamSelfCal's, which may be left-handed, is turned.
@@ -20,6 +22,7 @@ mod multi_cam_self_cal;
 mod opencv;
 pub(crate) mod optics;
 mod qualisys;
+mod rings;
 mod storage;
 mod toml_writers;
 
@@ -35,7 +38,7 @@ use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 /// What [`Calibration::load`] looks for; part of its error when nothing fits.
 const LOOKED_FOR: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
                           (%YAML, <opencv_storage> or JSON with opencv-matrix), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
-                          column for each camera), or a folder of MultiCamSelfCal (Pmatrices.dat) or of OpenCV files";
+                          column for each camera), a table of Middlebury (NAME_par.txt), or a folder of MultiCamSelfCal (Pmatrices.dat), of COLMAP (cameras.txt, images.txt) or of OpenCV files";
 
 /// A form of calibration that can be read and written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -266,6 +269,13 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
         if path.join(multi_cam_self_cal_reader::MATRICES).is_file() {
             return multi_cam_self_cal_reader::load(path);
         }
+        if rings::is_model(path) {
+            return rings::load_model(path);
+        }
+        if rings::is_binary_model(path) {
+            let expected = "text: `colmap model_converter --input_path IN --output_path OUT --output_type TXT`";
+            return Err(CalibrationDiagnostic::of_file(path, "a binary model of COLMAP", expected).into());
+        }
         return match opencv::files_of(path)? {
             files if files.is_empty() => {
                 let found = "a folder without Pmatrices.dat, and without .yml, .yaml, .xml or .json files of OpenCV";
@@ -296,6 +306,9 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
             _ if root.starts_with("QTM_Parameters") => qualisys::load(path, &document),
             _ => Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), LOOKED_FOR).into()),
         };
+    }
+    if rings::is_table(start) {
+        return rings::load_table(path, &text, options);
     }
     if dlt::is_meant(start) {
         return dlt::load(path, &text, options);

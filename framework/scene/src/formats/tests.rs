@@ -4,6 +4,7 @@ mod malformed;
 mod opencv5;
 mod procam;
 mod real;
+mod rings;
 
 use std::fs;
 use std::path::{Path, PathBuf};
