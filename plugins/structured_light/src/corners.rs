@@ -30,6 +30,9 @@ figures! {
     "corners.without_projector.*": count, low, "Corners of boards that the camera saw and around which too little was decoded to place them in the projector";
 }
 
+/// Sets without a board that are named one by one.
+const NAMED: usize = 6;
+
 /// Settings of [`Corners`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -68,6 +71,8 @@ pub struct Corners {
     mirrored: u64,
     /// By corners of the largest grid where the board was not found: in how many pictures.
     others: BTreeMap<[usize; 2], u64>,
+    /// Sets in whose white picture no board is found.
+    bare: Vec<String>,
 }
 
 impl Node for Corners {
@@ -97,6 +102,7 @@ impl Node for Corners {
             without: 0,
             mirrored: 0,
             others: BTreeMap::new(),
+            bare: Vec::new(),
         })
     }
 
@@ -118,6 +124,9 @@ impl Node for Corners {
         }
         if let Some(map) = io.take(&MAP) {
             let Some((_, corners)) = self.white.take().filter(|it| it.0 == map.time()) else { return Ok(()) };
+            if corners.is_empty() && !map.value.name.is_empty() {
+                self.bare.push(map.value.name.clone());
+            }
             let mut list = self.in_projector(&map.value, &corners);
             if is_mirrored(&corners, &list) {
                 self.mirrored += 1;
@@ -154,8 +163,14 @@ impl Node for Corners {
                 }
                 None => ": is it seen whole, with a bright rim, neither saturated nor dark?".to_owned(),
             };
+            let mut bare: Vec<String> = self.bare.iter().take(NAMED).map(|it| format!("`{it}`")).collect();
+            if self.bare.len() > NAMED {
+                bare.push(format!("{} more", self.bare.len() - NAMED));
+            }
+            let which =
+                if self.found == 0 || bare.is_empty() { String::new() } else { format!(" ({})", bare.join(", ")) };
             report.remark(format!(
-                "no chessboard of {columns} x {rows} inner corners in {missing} of {} white pictures of {name}{there}",
+                "no chessboard of {columns} x {rows} inner corners in {missing} of {} white pictures of {name}{which}{there}",
                 self.searched
             ));
         }
@@ -282,8 +297,7 @@ mod tests {
         Image { width: width as u32, height: height as u32, pixels, ..Image::default() }
     }
 
-    /// What is said of that board by settings for another.
-    fn remarks(columns: u32, rows: u32) -> Vec<String> {
+    fn bench(columns: u32, rows: u32) -> NodeBench<Corners> {
         let calibration = foveate_testkit::scene::ring_calibration(2);
         let settings = CornersSettings {
             columns,
@@ -293,7 +307,12 @@ mod tests {
             reach: default_reach(),
         };
         let setup = Setup { calibration: std::sync::Arc::new(calibration), ..Setup::for_tests() };
-        let mut bench = NodeBench::<Corners>::with_setup(settings, &setup).unwrap();
+        NodeBench::<Corners>::with_setup(settings, &setup).unwrap()
+    }
+
+    /// What is said of that board by settings for another.
+    fn remarks(columns: u32, rows: u32) -> Vec<String> {
+        let mut bench = bench(columns, rows);
         bench.feed(&WHITE, Time::ZERO, white()).unwrap();
         bench.finish().unwrap().remarks
     }
@@ -306,13 +325,23 @@ mod tests {
         assert!(said.contains("the largest chessboard there has 7 x 4 inner corners"), "{said}");
     }
 
+    #[test]
+    fn sets_without_the_board_are_named() {
+        let mut bench = bench(7, 4);
+        let bare = Image { pixels: vec![220; 240 * 180], ..white() };
+        for (at, (name, image)) in [("with", white()), ("without", bare)].into_iter().enumerate() {
+            let time = Time::from_s(at as f64);
+            let map = ProjectorMap { name: name.to_owned(), ..ProjectorMap::default() };
+            bench.feed(&WHITE, time, image).unwrap();
+            bench.feed(&MAP, time, map).unwrap();
+        }
+        let said = bench.finish().unwrap().remarks.concat();
+        assert!(said.contains("in 1 of 2 white pictures") && said.contains("(`without`)"), "{said}");
+    }
+
     /// The places in the projector of the corners of that board, under a projector whose picture is as wide as the camera's, and mirrored or not.
     fn in_projector(is_mirrored: bool) -> (usize, Vec<String>) {
-        let calibration = foveate_testkit::scene::ring_calibration(2);
-        let projector = calibration.cameras[1].name.clone();
-        let settings = CornersSettings { columns: 7, rows: 4, square_mm: 30.0, projector, reach: default_reach() };
-        let setup = Setup { calibration: std::sync::Arc::new(calibration), ..Setup::for_tests() };
-        let mut bench = NodeBench::<Corners>::with_setup(settings, &setup).unwrap();
+        let mut bench = bench(7, 4);
         let mut map = ProjectorMap { projector_size: [240, 180], width: 240, height: 180, ..ProjectorMap::default() };
         for at in 0..240 * 180 {
             let (x, y) = ((at % 240) as f32, (at / 240) as f32);

@@ -44,6 +44,8 @@ const TOLD_SHARE: f64 = 0.5;
 const NAMED: usize = 6;
 /// Where nothing else is said of a set, fewer known pixels over lit ones than this are worth a remark [–].
 const SCARCE: f64 = 0.25;
+/// Phase steps that are on no wave are told at more than this part of the pixels [–].
+const OFF_WAVE: f64 = 0.2;
 /// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
 const NOISY: f64 = 0.6;
 
@@ -99,6 +101,8 @@ pub struct Decoder {
     /// From the settings; none where only a manifest says it.
     code: Option<StripeCode>,
     decoded: Decoded,
+    /// Part of the pixels whose phase steps are on no wave [–].
+    off_wave: f64,
     sets: u64,
     refused: u64,
     faults: Vec<String>,
@@ -153,6 +157,7 @@ impl Node for Decoder {
             projector_size,
             code,
             decoded: Decoded::default(),
+            off_wave: 0.0,
             sets: 0,
             refused: 0,
             faults: Vec::new(),
@@ -348,9 +353,10 @@ impl Decoder {
             Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN))
         };
         let mut is_left_out = vec![false; white.len()];
+        let is_changed = changed.as_ref().is_some_and(|it| it.share() > CHANGED_SHARE);
         if let Some(changed) = &changed {
             changed.each_row([width, height], |row, from, to| is_left_out[row * width..][from..to].fill(true));
-            if changed.share() > CHANGED_SHARE {
+            if is_changed {
                 // Where these pictures stand in the set.
                 let told = code.pictures();
                 let all = all_shown.iter().zip(0..);
@@ -380,9 +386,17 @@ impl Decoder {
             let (coordinate, sigma) = (of(&coordinates.values, at), of(&coordinates.sigmas, at));
             map.push(ProjectorSample { coordinate, sigma });
         }
+        let n_told = faults.len();
         let least = self.settings.min_contrast;
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
-        if u32::from(by_noise) > u32::from(self.settings.min_difference) && (map.n_known as f64) < NOISY * lit as f64 {
+        if self.off_wave > OFF_WAVE {
+            faults.push(format!(
+                "at {:.0} % of the pixels the phase steps are on no wave, and these are left out: something moved during them, light comes over other surfaces too, or the steps stand in another order",
+                100.0 * self.off_wave
+            ));
+        } else if u32::from(by_noise) > u32::from(self.settings.min_difference)
+            && (map.n_known as f64) < NOISY * lit as f64
+        {
             faults.push(format!(
                 "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain. More light, less gain, or means of several \
                  pictures of each pattern would help",
@@ -390,7 +404,7 @@ impl Decoder {
                 100.0 * map.n_known as f64 / lit.max(1) as f64
             ));
         }
-        if faults.is_empty() && (map.n_known as f64) < SCARCE * lit as f64 {
+        if faults.len() == n_told && !is_changed && (map.n_known as f64) < SCARCE * lit as f64 {
             faults.push(format!(
                 "{:.1} % of the pixels that the projector lights by {least} gray levels or more could be decoded, expected most: stripes are weak against other light or out of focus, or the code is another",
                 100.0 * map.n_known as f64 / lit as f64
@@ -436,18 +450,21 @@ impl Decoder {
     }
 
     fn of_bits(
-        &self,
+        &mut self,
         code: &StripeCode,
         views: &[ImageView<'_>],
         noise: f64,
         wanted: [Option<&[bool]>; 2],
     ) -> Result<Coordinates, String> {
         let edges = EdgeOptions { noise, threads: self.settings.threads, ..EdgeOptions::default() };
-        let found = match code.steps {
-            0 => edges::coordinates_where(code, views, &self.decoded, &edges, wanted),
-            _ => phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() }),
-        };
-        found.map_err(|fault| fault.to_string())
+        if code.steps == 0 {
+            let found = edges::coordinates_where(code, views, &self.decoded, &edges, wanted);
+            return found.map_err(|fault| fault.to_string());
+        }
+        let found = phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() });
+        let (found, off_wave) = found.map_err(|fault| fault.to_string())?;
+        self.off_wave = off_wave;
+        Ok(found)
     }
 }
 

@@ -100,11 +100,15 @@ impl Blocks {
             for step in &steps {
                 sum.iter_mut().zip(means(*step)).for_each(|(sum, it)| *sum += it * 2.0 / steps.len() as f32);
             }
-            // A projector of another gamma makes the mean of a sine wave another one everywhere alike.
-            let mut shares: Vec<f32> = (0..sum.len()).filter(|it| counts[*it]).map(|it| sum[it] / both[it]).collect();
-            shares.sort_by(f32::total_cmp);
-            if let Some(share) = shares.get(shares.len() / 2) {
-                sum.iter_mut().for_each(|it| *it /= share);
+            // A projector of another gamma makes the mean of a sine wave another part of its light, the same everywhere.
+            let part = |it: usize| (0.5 * sum[it] - black[it]) / (white[it] - black[it]);
+            let mut parts: Vec<f32> = (0..sum.len()).filter(|it| counts[*it]).map(part).collect();
+            parts.sort_by(f32::total_cmp);
+            if let Some(part) = parts.get(parts.len() / 2) {
+                let less = 1.0 - 2.0 * part;
+                sum.iter_mut()
+                    .zip(white.iter().zip(&black))
+                    .for_each(|(sum, (white, black))| *sum += less * (white - black));
                 compare(&sum, steps);
             }
         }

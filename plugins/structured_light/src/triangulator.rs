@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::orientation::likely_change;
+use crate::orientation::{likely_change, other_axis};
 use crate::pair::{OnRay, triangulate};
 use crate::pattern::projector_of;
 
@@ -25,6 +25,7 @@ ports! {
 
 figures! {
     "cloud.points.*": count, neither, "Points, over all maps of the camera";
+    "cloud.unmet.*": count, low, "Pixels of the camera whose ray meets nothing that the projector's coordinate would light before both, left out";
     "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
     "cloud.vague.*": count, low, "Pixels of the camera whose depth would be known less well than `max_sigma`, left out";
     "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
@@ -92,12 +93,11 @@ pub struct Triangulator {
     poses: VecDeque<Arc<HeadPose>>,
     has_pose: bool,
     points: u64,
+    unmet: u64,
     misfits: u64,
     clouds: u64,
     /// Why the first map that made no cloud made none.
     refused: Option<String>,
-    /// What is said of sets whose maps made not one point.
-    empty: Vec<String>,
     vague: u64,
     alone: u64,
     sigmas: f64,
@@ -137,10 +137,10 @@ impl Node for Triangulator {
             white: VecDeque::new(),
             maps: VecDeque::new(),
             points: 0,
+            unmet: 0,
             misfits: 0,
             clouds: 0,
             refused: None,
-            empty: Vec::new(),
             vague: 0,
             alone: 0,
             sigmas: 0.0,
@@ -188,28 +188,30 @@ impl Node for Triangulator {
                 continue;
             }
             let white = white.as_deref().filter(|_| self.has_white);
-            let (misfits, vague, alone) = (self.misfits, self.vague, self.alone);
+            let before = [self.misfits, self.unmet, self.vague, self.alone];
             let cloud = self.cloud(&map.value, map.time(), white, pose.as_deref());
-            let (misfits, points) = (self.misfits - misfits, cloud.len() as u64);
-            if misfits > points {
+            let now = [self.misfits, self.unmet, self.vague, self.alone];
+            let [misfits, unmet, vague, alone] = [0, 1, 2, 3].map(|it| now[it] - before[it]);
+            let points = cloud.len() as u64;
+            if misfits + unmet > points {
                 self.points -= points;
                 let limit = self.settings.max_misfit_px;
                 let change = likely_change(&self.camera, &self.projector, &map.value, limit);
-                let fault = misfit(&map.value.name, misfits, points, change);
+                let fault = misfit(&map.value.name, [misfits, unmet], points, change);
                 self.refused.get_or_insert_with(|| fault.clone());
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
             // Sets of pictures have names, maps of what moves do not.
             if points == 0 && !map.value.name.is_empty() {
-                self.empty.push(format!(
-                    "{}: no point: {} pixels have a projector coordinate, expected most of what the projector lights; depths of {} would be vaguer than `max_sigma`, {} are without neighbours on the same surface, \
-                     {misfits} do not fit",
-                    map.value.name,
-                    map.value.n_known,
-                    self.vague - vague,
-                    self.alone - alone
-                ));
+                let fault = format!(
+                    "{}: no point: {} pixels have a projector coordinate, expected most of what the projector lights; depths of {vague} would be vaguer than `max_sigma`, {alone} are without neighbours on \
+                     the same surface",
+                    map.value.name, map.value.n_known
+                );
+                self.refused.get_or_insert_with(|| fault.clone());
+                io.gap(&CLOUD, map.time(), fault);
+                continue;
             }
             self.clouds += 1;
             io.emit(&CLOUD, map.stamp, cloud);
@@ -220,13 +222,12 @@ impl Node for Triangulator {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let name = &self.camera_name;
         report.figure(format!("cloud.points.{name}"), self.points as f64);
+        report.figure(format!("cloud.unmet.{name}"), self.unmet as f64);
         report.figure(format!("cloud.misfits.{name}"), self.misfits as f64);
         report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
-        self.empty.iter().for_each(|it| report.remark(it.clone()));
-        let is_empty = self.clouds == self.empty.len() as u64;
-        match self.refused.take().or(self.empty.first().cloned()).filter(|_| is_empty) {
+        match self.refused.take().filter(|_| self.clouds == 0) {
             Some(fault) => Err(NodeError::input(format!("no set of pictures made a point cloud: {fault}"))),
             None => Ok(()),
         }
@@ -242,7 +243,8 @@ impl Triangulator {
             let [[a, b], [c, d]] = [found, expected];
             (found != expected).then(|| format!("{whose} {a} x {b} px, expected {c} x {d} px as in the calibration"))
         };
-        sizes.into_iter().zip(whose).find_map(fault)
+        let of_size = sizes.into_iter().zip(whose).find_map(fault);
+        of_size.or_else(|| other_axis(&self.camera, &self.projector, map))
     }
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
@@ -252,7 +254,10 @@ impl Triangulator {
             for x in 0..width {
                 let sample = map.get(x, y);
                 let pixel = Point2::new(x as f64, y as f64);
-                let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else { continue };
+                let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else {
+                    self.unmet += u64::from(sample.coordinate.iter().any(|it| it.is_finite()));
+                    continue;
+                };
                 if point.misfit > self.settings.max_misfit_px {
                     self.misfits += 1;
                 } else if point.sigma > self.settings.max_sigma * point.depth {
@@ -326,16 +331,22 @@ impl Triangulator {
     }
 }
 
-/// What a set with more misfits than points is told: these points are accidents.
-fn misfit(name: &str, misfits: u64, points: u64, change: Option<String>) -> String {
+/// What a set with more pixels that do not fit than points is told: these points are accidents.
+fn misfit(name: &str, [misfits, unmet]: [u64; 2], points: u64, change: Option<String>) -> String {
     let why = change.map_or_else(
         || {
             "did nothing move during the set, is the order of the pictures, is `centred`, are the calibrations of camera and projector those of this set?".to_owned()
         },
         |it| format!("{it}: turn them back, or calibrate with pictures as these are"),
     );
+    let apart = match unmet {
+        0 => String::new(),
+        it => format!(
+            " at {it} pixels the camera's ray and what the projector lights from there do not meet before both,"
+        ),
+    };
     format!(
-        "{name}: at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: {why}"
+        "{name}:{apart} at {misfits} pixels column and row of the projector do not belong to one point, at {points} they do; expected most to: {why}"
     )
 }
 
@@ -519,6 +530,55 @@ mod tests {
         let clouds = bench.outputs(&CLOUD);
         assert_eq!(clouds.len(), 1);
         assert_eq!(clouds[0].value.iter().next().unwrap().colour, [77; 3]);
+    }
+
+    /// The map with what `of` makes of each pixel's sample and place.
+    fn changed(whole: &ProjectorMap, of: impl Fn(usize, usize) -> ProjectorSample) -> ProjectorMap {
+        let mut map = ProjectorMap { samples: Vec::new(), name: "scan".to_owned(), ..whole.clone() };
+        (0..640 * 480).for_each(|at| map.push(of(at % 640, at / 640)));
+        map
+    }
+
+    #[track_caller]
+    fn refused(map: ProjectorMap, expected: &str) {
+        let alone = Setup { connected: vec!["map".to_owned()], ..setup() };
+        let mut bench = NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &alone).unwrap();
+        bench.feed(&MAP, Time::ZERO, map).unwrap();
+        assert_eq!(bench.outputs(&CLOUD).len(), 0);
+        let gaps = bench.gaps(&CLOUD);
+        assert!(gaps[0].reason.contains(expected), "{gaps:?}");
+    }
+
+    #[test]
+    fn columns_alone_that_are_called_rows_make_no_cloud_and_both_exchanged_are_told() {
+        let whole = map(0.05);
+        let exchanged = |sample: ProjectorSample| ProjectorSample {
+            coordinate: [sample.coordinate[1], sample.coordinate[0]],
+            sigma: [sample.sigma[1], sample.sigma[0]],
+        };
+        let alone = |mut sample: ProjectorSample, axis: usize| {
+            sample.coordinate[1 - axis] = f32::NAN;
+            sample
+        };
+        for (axis, expected) in [(0, "decoded as columns of the projector"), (1, "decoded as rows of the projector")] {
+            refused(changed(&whole, |x, y| alone(exchanged(whole.get(x, y)), axis)), expected);
+            let right = changed(&whole, |x, y| alone(whole.get(x, y), axis));
+            let node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
+            assert_eq!(node.unfit(&right), None);
+        }
+        refused(changed(&whole, |x, y| exchanged(whole.get(x, y))), "columns and rows were exchanged");
+    }
+
+    #[test]
+    fn rays_that_do_not_meet_are_told_rather_than_an_empty_cloud() {
+        let whole = map(0.05);
+        // Lit from where the projector would have to stand on the other side.
+        let beyond = changed(&whole, |x, y| {
+            let mut sample = whole.get(x, y);
+            sample.coordinate = [sample.coordinate[0] + 600.0, f32::NAN];
+            sample
+        });
+        refused(beyond, "do not meet before both");
     }
 
     #[test]

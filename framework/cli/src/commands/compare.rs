@@ -54,7 +54,7 @@ pub struct CompareArgs {
     /// How long a unit of B is, whatever it says [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit_b: Option<f64>,
-    /// End with exit code 3 unless 95 % of all samples (of PLY files, of the points of A that lie over B) are at most this far apart [mm]
+    /// End with exit code 3 unless 95 % of all samples (of PLY files, of the points of A that lie over B, which must be half of them) are at most this far apart [mm]
     #[arg(long, value_name = "MM", value_parser = millimetres)]
     within: Option<f64>,
     /// Write all figures to this file, too; `-`: to standard output, instead of the table

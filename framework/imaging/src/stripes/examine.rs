@@ -5,10 +5,12 @@
 //! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
+mod layouts;
 mod rules;
 
 use std::borrow::Cow;
 
+use self::layouts::Layouts;
 use self::rules::Set;
 use super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
@@ -260,12 +262,30 @@ fn look(
         let all = set(&many, skipped);
         let signs = all.signs();
         let n = pictures.len();
+        let count =
+            |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
+        let layouts = Layouts::of(&all);
+        if let Some(explained) = layouts.few_lack() {
+            // What more pixels tell of them.
+            let other = explain::explain(code, n, &all.skipped, &signs).filter(|it| it.says_the_same(&explained));
+            let explained = other.unwrap_or(explained);
+            found.faults.push(count(None, true));
+            found.take(explained, &all.skipped);
+            return (found, lit);
+        }
+        if let Some(part) = layouts.part(&signs) {
+            found.faults.push(count(None, true));
+            found.take(part, &all.skipped);
+            return (found, lit);
+        }
+        if let Some(other) = layouts.whole(&signs) {
+            found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+            return (found, lit);
+        }
         if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {
             found.faults.push(SetFault::OtherSize { bits, found: n });
             return (found, lit);
         }
-        let count =
-            |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
         let one_axis = || explain::one_axis(code, n, &all.skipped, &signs);
         let explained = explain::explain(code, n, &all.skipped, &signs).or_else(one_axis);
         let explained = explained.filter(|it| !is_dim || is_plain(&it.faults, n));
@@ -275,11 +295,7 @@ fn look(
                 found.take(explained, &all.skipped);
             }
             None => {
-                if let Some(other) = explain::with_other_inverses(code, n, &all.skipped, &signs) {
-                    found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
-                    return (found, lit);
-                }
-                let few = set(&lit, all.skipped);
+                let few = set(&lit, all.skipped.clone());
                 found.faults.push(count(few.first_unpaired(), false));
                 found.faults.extend(few.doubled());
             }
@@ -337,7 +353,12 @@ fn look(
     let many = lit_of(&samples, &Wild::of(code, &kept).ranges(pictures, &samples), least);
     let all = set(&many);
     let n = pictures.len();
-    if let Some(bits) = explain::other_bits(code, n, &all.skipped, &all.signs()) {
+    let signs = all.signs();
+    if let Some(other) = Layouts::of(&set(&lit)).whole(&signs) {
+        found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+        return (found, lit);
+    }
+    if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {
         found.faults.push(SetFault::OtherSize { bits, found: n });
         return (found, lit);
     }
@@ -350,12 +371,12 @@ fn look(
         return (found, lit);
     }
     if faults.iter().any(is_beyond)
-        && let Some(other) = explain::with_axes_exchanged(code, &all.signs())
+        && let Some(other) = explain::with_axes_exchanged(code, &signs)
     {
         found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
         return (found, lit);
     }
-    let explained = explain::explain(code, n, &all.skipped, &all.signs());
+    let explained = explain::explain(code, n, &all.skipped, &signs);
     if is_dim && explained.as_ref().is_none_or(|it| !is_plain(&it.faults, n)) {
         // Too little is lit to tell what is wrong beside.
         found.places.fill(None);

@@ -20,6 +20,18 @@ pub(super) struct Explained {
     pub(super) unsure: Vec<(Axis, u32)>,
 }
 
+impl Explained {
+    /// Whether the same pictures lack and nothing else is wrong, but for what is sure of them.
+    pub(super) fn says_the_same(&self, other: &Explained) -> bool {
+        let one = |fault: &SetFault| match fault {
+            SetFault::Missing { shown, .. } => Some(bit_of(shown).ok_or(*shown)),
+            _ => None,
+        };
+        let lacking = |it: &Explained| it.faults.iter().map(one).collect::<Option<Vec<_>>>();
+        lacking(self).is_some_and(|it| lacking(other) == Some(it))
+    }
+}
+
 /// Changes of bits for another projector that are tried.
 const OTHER_BITS: u32 = 4;
 /// Of the bits of another projector so many must be seen for the pictures to be its [–].
@@ -159,48 +171,6 @@ pub(super) fn with_axes_exchanged(code: &StripeCode, samples: &Samples) -> Optio
         other => *other,
     };
     is_exchanged.then(|| StripeCode { order: code.order.iter().map(other).collect(), ..code.clone() })
-}
-
-/// A code without inverse pictures, or with them, that fits these pictures; `None` where there is none.
-pub(super) fn with_other_inverses(
-    code: &StripeCode,
-    n_pictures: usize,
-    skipped: &[usize],
-    samples: &Samples,
-) -> Option<StripeCode> {
-    use Group::{Black, Stripes, White};
-    let [columns, rows] = Axis::BOTH.map(Stripes);
-    let orders = [
-        vec![columns, rows, White, Black],
-        vec![White, Black, columns, rows],
-        vec![Black, White, columns, rows],
-        vec![White, Black, rows, columns],
-        vec![columns, White, Black],
-        vec![White, Black, columns],
-        vec![rows, White, Black],
-    ];
-    let orders = std::iter::once(code.order.clone()).chain(orders);
-    let all = orders.flat_map(|order| {
-        [Inverse::None, Inverse::After].into_iter().flat_map(move |inverse| {
-            let order = order.clone();
-            [false, true].map(move |fine_first| StripeCode {
-                order: order.clone(),
-                inverse,
-                fine_first,
-                ..code.clone()
-            })
-        })
-    });
-    let mut fitting = all.filter(|other| other != code && other.check().is_ok()).filter(|other| {
-        let roles = other.pictures();
-        if roles.len() != n_pictures {
-            return false;
-        }
-        let (seen, known, n_known) = taken_for(other, &roles, n_pictures, skipped, samples);
-        let set = Seens { roles: &roles, seen: &seen, known: &known, samples };
-        n_known as f64 >= OTHER_KNOWN * n_bits(&roles) as f64 && (0..n_pictures).all(|it| set.fit(it, it) != Fit::No)
-    });
-    fitting.next()
 }
 
 /// What is wrong with `n_pictures` pictures of `code`, and the picture for each place; `None` where the pictures do not tell. `skipped` say nothing.
@@ -459,7 +429,8 @@ impl Seens<'_> {
     }
 }
 
-fn permutations(groups: &[Group]) -> Vec<Vec<Group>> {
+/// Groups in every order.
+pub(super) fn permutations(groups: &[Group]) -> Vec<Vec<Group>> {
     if groups.is_empty() {
         return vec![Vec::new()];
     }

@@ -37,6 +37,15 @@ pub enum SetFault {
         /// Whether it may be its inverse instead.
         or_inverse: bool,
     },
+    /// Pictures of some of these bits or their inverses lack: nothing tells which.
+    MissingBits {
+        /// Of which axis.
+        axis: Axis,
+        /// The bits.
+        planes: Vec<u32>,
+        /// How many pictures lack.
+        pictures: usize,
+    },
     /// No picture shows the stripes of an axis.
     NoAxis {
         /// Which axis.
@@ -250,6 +259,7 @@ impl SetFault {
             SetFault::Count { is_explained, .. } => !is_explained,
             // What is not there may be worked out from the rest, and what lacks is known.
             SetFault::Missing { .. }
+            | SetFault::MissingBits { .. }
             | SetFault::NoAxis { .. }
             | SetFault::Unreadable { .. }
             | SetFault::Doubled { .. }
@@ -320,6 +330,23 @@ impl SetFault {
                 let place = after.map_or("at the beginning".to_owned(), |it| format!("after {}", name(it)));
                 let or = if *or_inverse { " or no other its inverse" } else { "" };
                 format!("no picture shows {shown}{or}, expected {place}: a picture is missing")
+            }
+            SetFault::MissingBits { axis, planes, pictures } => {
+                let words = axis.in_words();
+                let any: Vec<String> = planes.iter().map(u32::to_string).collect();
+                let lack = if *pictures == 1 {
+                    "a picture is missing".to_owned()
+                } else {
+                    format!("{pictures} pictures are missing")
+                };
+                let (bits, stripe) = (code.bits[axis.index()], code.stripe[axis.index()]);
+                let is_finest = planes.iter().any(|it| it + 1 == bits) && *pictures == 2;
+                let smaller = if is_finest {
+                    format!(", or the projector has at most {} {words}", stripe << (bits - 1))
+                } else {
+                    String::new()
+                };
+                format!("{lack} of bit {} of the {words}, nothing tells of which{smaller}", any.join(" or "))
             }
             SetFault::NoAxis { axis, pictures } => {
                 let other = Axis::BOTH[1 - axis.index()].in_words();

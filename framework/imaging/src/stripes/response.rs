@@ -47,6 +47,11 @@ pub fn exponent(code: &StripeCode, pictures: &[ImageView<'_>]) -> Option<f64> {
         .collect();
     let is_lit = |it: &usize| white[*it] < SATURATED && white[*it] >= black[*it].saturating_add(LEAST_CONTRAST);
     let lit: Vec<usize> = (0..white.len()).filter(is_lit).collect();
+    // The brighter half: of little light a curved response makes mostly noise.
+    let mut contrasts: Vec<u8> = lit.iter().map(|it| white[*it] - black[*it]).collect();
+    let half = contrasts.len() / 2;
+    let least = if half > LEAST_SAMPLES { *contrasts.select_nth_unstable(half).1 } else { 0 };
+    let lit: Vec<usize> = lit.into_iter().filter(|it| white[*it] - black[*it] >= least).collect();
     let some: Vec<usize> = lit.iter().copied().step_by(lit.len().div_ceil(SAMPLES).max(1)).collect();
     if some.len() < LEAST_SAMPLES {
         return None;

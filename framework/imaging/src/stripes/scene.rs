@@ -23,6 +23,8 @@ pub(super) struct Scene {
     pub global: fn(f64, f64) -> f64,
     /// Of the projector's picture, standard deviation [projector px].
     pub defocus: f64,
+    /// The projector's response: light = level^power, both 0 to 1 [–].
+    pub power: f64,
     /// Of the camera [gray levels].
     pub noise: f64,
     /// Light of the room and of the projector's black [gray levels].
@@ -46,6 +48,7 @@ pub(super) fn wall(seed: u64) -> Scene {
         shadow: |x, _| (86.0..=90.0).contains(&x),
         global: |_, _| 0.03,
         defocus: 0.45,
+        power: 1.0,
         noise: 1.0,
         ambient: 14.0,
         gain: 180.0,
@@ -76,7 +79,7 @@ impl Scene {
     fn seen(&self, code: &StripeCode, shown: &[u8], number: u64) -> Vec<u8> {
         let mut chance = Random::new(self.seed.wrapping_mul(1000) + number);
         let [columns, rows] = code.projector.map(|it| it as usize);
-        let blurred = blurred(shown, columns, rows, self.defocus);
+        let blurred = blurred(shown, columns, rows, self.defocus, self.power);
         let mean = shown.iter().map(|it| f64::from(*it)).sum::<f64>() / (255.0 * shown.len() as f64);
         let light = |x: f64, y: f64| {
             let albedo = (self.albedo)(x, y);
@@ -107,7 +110,7 @@ impl Scene {
 }
 
 /// A projector's picture out of focus, 0 to 1; each of its pixels is an even square.
-fn blurred(shown: &[u8], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
+fn blurred(shown: &[u8], columns: usize, rows: usize, sigma: f64, power: f64) -> Vec<f64> {
     let kernel: Vec<f64> = (-3..=3).map(|it| (-0.5 * (f64::from(it) / sigma.max(0.05)).powi(2)).exp()).collect();
     let sum: f64 = kernel.iter().sum();
     let along = |from: &[f64], step: usize, n: usize, at: usize, place: usize| -> f64 {
@@ -117,7 +120,7 @@ fn blurred(shown: &[u8], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
         };
         kernel.iter().enumerate().map(tap).sum()
     };
-    let start: Vec<f64> = shown.iter().map(|it| f64::from(*it) / 255.0).collect();
+    let start: Vec<f64> = shown.iter().map(|it| (f64::from(*it) / 255.0).powf(power)).collect();
     let across: Vec<f64> = (0..start.len()).map(|at| along(&start, 1, columns, at, at % columns)).collect();
     (0..start.len()).map(|at| along(&across, columns, rows, at, at / columns)).collect()
 }

@@ -22,6 +22,24 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
         Ok(calibration) => calibration,
         Err(error) => return complain(&error.to_string()),
     };
+    for (told, flag) in [(options.image_size, "--image-size"), (options.projector_size, "--projector-size")]
+        .into_iter()
+        .filter_map(|(size, flag)| Some((size?, flag)))
+    {
+        if calibration.cameras.iter().all(|it| it.camera.image_size != told) {
+            let sizes = calibration.cameras.iter().map(|it| {
+                let [width, height] = it.camera.image_size;
+                format!("{width} x {height} px of `{}`", it.name)
+            });
+            return complain(&format!(
+                "`{flag} {},{}` contradicts `{}`, expected the file's own: {}",
+                told[0],
+                told[1],
+                args.input.display(),
+                sizes.collect::<Vec<_>>().join(", ")
+            ));
+        }
+    }
     if let Some(name) = args.to.as_ref().filter(|name| Format::ALL.into_iter().all(|it| it.name() != name.as_str())) {
         return complain(&format!("`{}` is a calibration, and {name} is a form of motion files", args.input.display()));
     }

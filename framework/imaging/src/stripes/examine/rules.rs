@@ -37,7 +37,7 @@ impl Set<'_> {
     }
 
     /// Part of the pixels in which two pictures do not make white and black together.
-    fn not_inverse(&self, a: usize, b: usize) -> f64 {
+    pub(super) fn not_inverse(&self, a: usize, b: usize) -> f64 {
         // What is cut off adds up to nothing, most of all in stripes that are out of focus.
         let whole = self.lit.iter().filter(|it| it.2 < SATURATED);
         let n = whole.clone().count();
@@ -147,14 +147,19 @@ impl Set<'_> {
         let checks = [(white, Shown::White), (black, Shown::Black)];
         let one = |(picture, shown): (Option<usize>, Shown)| {
             let picture = picture?;
-            let share = self.share(|&(at, low, high)| {
-                let level = self.level(picture, at);
-                let off = if shown == Shown::White { f64::from(high) - level } else { level - f64::from(low) };
-                off > self.margin(low, high)
-            });
+            let share = self.not_flat(picture, shown);
             (share > BROKEN).then_some(SetFault::NotWhite { picture, shown, share })
         };
         checks.into_iter().filter_map(one).collect()
+    }
+
+    /// Part of the pixels in which a picture is not the brightest, or, as black, not the darkest.
+    pub(super) fn not_flat(&self, picture: usize, shown: Shown) -> f64 {
+        self.share(|&(at, low, high)| {
+            let level = self.level(picture, at);
+            let off = if shown == Shown::White { f64::from(high) - level } else { level - f64::from(low) };
+            off > self.margin(low, high)
+        })
     }
 
     /// Pictures with stripes of which an earlier one is the same.
@@ -209,8 +214,13 @@ impl Set<'_> {
         (0..self.code.bits[axis.index()]).filter_map(one).collect()
     }
 
-    /// What the changes of coarser bits say about finer ones, and stripes that cannot be.
-    fn order(&self, axis: Axis) -> Vec<SetFault> {
+    /// Of how many bits of an axis the changes of coarser ones tell whether they are in order.
+    pub(super) fn n_told(&self, axis: Axis) -> usize {
+        self.rates(axis).0.iter().flatten().count()
+    }
+
+    /// By bit how often it is as it should be where a coarser one changes, where that is seen often enough; and by pixel its bits, and those that are certain.
+    fn rates(&self, axis: Axis) -> (Vec<Option<f64>>, Vec<(usize, u32, u32)>) {
         let bits = self.code.bits[axis.index()] as usize;
         let place = |plane: usize, inverse: bool| self.place(Shown::Bit { axis, plane: plane as u32, inverse });
         let places: Vec<[Option<usize>; 2]> = (0..bits).map(|it| [place(it, false), place(it, true)]).collect();
@@ -259,7 +269,13 @@ impl Set<'_> {
             let all = counts[0] + counts[1];
             (all >= MIN_CHANGES).then(|| counts[1] as f64 / all as f64)
         };
-        let rates: Vec<Option<f64>> = right.iter().map(judge).collect();
+        (right.iter().map(judge).collect(), pixels)
+    }
+
+    /// What the changes of coarser bits say about finer ones, and stripes that cannot be.
+    fn order(&self, axis: Axis) -> Vec<SetFault> {
+        let bits = self.code.bits[axis.index()] as usize;
+        let (rates, pixels) = self.rates(axis);
         let with = |test: fn(f64) -> bool| -> Vec<u32> {
             let planes = rates.iter().zip(0..).filter(|(rate, _)| rate.is_some_and(test));
             planes.map(|it| it.1).collect()

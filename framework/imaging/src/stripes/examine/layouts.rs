@@ -1,0 +1,244 @@
+//! Sets that are not as they are stated: which pictures lack, or which settings a whole set was made with.
+//!
+//! Every arrangement that may be is tried, and taken where all that a Gray code promises holds in it. What pairs of pictures are to each other sorts most of them out before
+//! their pixels are held against the rules.
+
+use super::super::code::{Axis, Group, Inverse, Shown, StripeCode};
+use super::super::explain::{Explained, permutations};
+use super::super::faults::SetFault;
+use super::super::identify::{Samples, bit_of};
+use super::BROKEN;
+use super::rules::Set;
+use crate::ImageView;
+
+/// Pixels in which pictures are held against each other.
+const FEW: usize = 4000;
+/// Two pictures of one bit are each other's inverse but for this part of the pixels [–].
+const SAME: f64 = 0.12;
+/// A picture may be white (black) where it is not the brightest (darkest) in this part of the pixels at most [–].
+const FLAT: f64 = 0.1;
+/// Of the bits whose order changes of coarser ones tell, so many have to be told [–].
+const TOLD: f64 = 0.5;
+
+/// What the pictures of a set are to one another.
+pub(super) struct Layouts<'a> {
+    set: &'a Set<'a>,
+    /// By picture and picture: part of the pixels in which they do not make white and black together [–].
+    not_inverse: Vec<Vec<f64>>,
+    /// By picture: whether it may be white, and black.
+    flat: Vec<[bool; 2]>,
+}
+
+/// By place of a code the picture that shows what belongs there.
+type Places = Vec<Option<usize>>;
+
+impl<'a> Layouts<'a> {
+    /// `set` holds all pictures; what it says of their places is not used.
+    pub(super) fn of(set: &'a Set<'a>) -> Layouts<'a> {
+        let few: Vec<_> = set.lit.iter().copied().step_by(set.lit.len().div_ceil(FEW).max(1)).collect();
+        let few = Set { lit: &few, skipped: Vec::new(), ..*set };
+        let n = set.pictures.len();
+        let mut not_inverse = vec![vec![1.0; n]; n];
+        for (a, b) in (0..n).flat_map(|a| (0..a).map(move |b| (a, b))) {
+            let share = few.not_inverse(a, b);
+            (not_inverse[a][b], not_inverse[b][a]) = (share, share);
+        }
+        let flat = (0..n).map(|it| [Shown::White, Shown::Black].map(|shown| few.not_flat(it, shown) <= FLAT));
+        Layouts { set, not_inverse, flat: flat.collect() }
+    }
+
+    fn is_there(&self, picture: usize) -> bool {
+        !self.set.skipped.contains(&picture)
+    }
+
+    /// Whether pictures may be those of a code, by what pairs are to each other.
+    fn may_be(&self, roles: &[Shown], places: &Places) -> bool {
+        roles.iter().zip(places).all(|(shown, picture)| {
+            let Some(picture) = picture.filter(|it| self.is_there(*it)) else { return true };
+            match shown {
+                Shown::White => self.flat[picture][0],
+                Shown::Black => self.flat[picture][1],
+                Shown::Bit { axis, plane, inverse: false } => {
+                    let other = Shown::Bit { axis: *axis, plane: *plane, inverse: true };
+                    let other = roles.iter().position(|it| *it == other).and_then(|it| places[it]);
+                    other.filter(|it| self.is_there(*it)).is_none_or(|it| self.not_inverse[picture][it] <= BROKEN)
+                }
+                Shown::Bit { .. } | Shown::Phase { .. } | Shown::Boundary { .. } => true,
+            }
+        })
+    }
+
+    /// Whether two pictures of different bits are each other's inverse, which they never are.
+    fn mixes_bits(&self, roles: &[Shown], places: &Places) -> bool {
+        let has_stripes = |it: &usize| self.is_there(*it) && !self.flat[*it].contains(&true);
+        let bits: Vec<_> = roles
+            .iter()
+            .zip(places)
+            .filter_map(|(shown, picture)| Some((bit_of(shown)?, picture.filter(has_stripes)?)))
+            .collect();
+        bits.iter().enumerate().any(|(at, (bit, picture))| {
+            bits[..at].iter().any(|(other, before)| other != bit && self.not_inverse[*picture][*before] < SAME)
+        })
+    }
+
+    /// Whether all that a code promises holds, and enough of it can be seen.
+    fn holds(&self, code: &StripeCode, roles: &[Shown], places: &Places) -> bool {
+        if !self.may_be(roles, places) || self.mixes_bits(roles, places) {
+            return false;
+        }
+        let any = self.set.pictures[0];
+        let views: Vec<ImageView<'_>> = places.iter().map(|it| it.map_or(any, |it| self.set.pictures[it])).collect();
+        let is_missing = |it: &usize| places[*it].is_none_or(|it| !self.is_there(it));
+        let skipped = (0..roles.len()).filter(is_missing).collect();
+        let set = Set { code, pictures: &views, shown: roles, skipped, ..*self.set };
+        if !set.broken_rules().is_empty() {
+            return false;
+        }
+        Axis::BOTH.into_iter().filter(|it| code.has(*it)).all(|axis| {
+            let can_be = code.bits[axis.index()].saturating_sub(1);
+            set.n_told(axis) as f64 >= TOLD * f64::from(can_be)
+        })
+    }
+
+    /// One or two pictures that lack, where nothing else is wrong.
+    pub(super) fn few_lack(&self) -> Option<Explained> {
+        let code = self.set.code;
+        let roles = code.pictures();
+        let (n, all) = (self.set.pictures.len(), roles.len());
+        let lacking: Vec<Vec<usize>> = match all.checked_sub(n)? {
+            1 => (0..all).map(|it| vec![it]).collect(),
+            2 => (0..all).flat_map(|b| (0..b).map(move |a| vec![a, b])).collect(),
+            _ => return None,
+        };
+        let placed = |lacking: &[usize]| -> Places {
+            let mut next = 0..n;
+            (0..all).map(|it| if lacking.contains(&it) { None } else { next.next() }).collect()
+        };
+        let holding: Vec<Vec<usize>> = lacking.into_iter().filter(|it| self.holds(code, &roles, &placed(it))).collect();
+        let first = holding.first()?;
+        let places = placed(first);
+        let after = |place: usize| places[..place].iter().rev().find_map(|it| *it);
+        let bits = |it: &[usize]| it.iter().map(|it| bit_of(&roles[*it])).collect::<Vec<_>>();
+        if holding.iter().all(|it| bits(it) == bits(first)) {
+            // Nothing tells which of the two of a bit lacks.
+            let is_open = |place: &usize| holding.iter().any(|it| !it.contains(place));
+            let missing = |place: &usize| {
+                let (shown, or_inverse) = (roles[*place], is_open(place));
+                SetFault::Missing { shown, after: after(*place), or_inverse }
+            };
+            let faults = first.iter().map(missing).collect();
+            let unsure = first.iter().filter(|it| is_open(it)).filter_map(|it| bit_of(&roles[*it])).collect();
+            return Some(Explained { faults, places, unsure });
+        }
+        // Of one axis, but nothing tells which.
+        let mut lost: Vec<(Axis, u32)> = holding.iter().flat_map(|it| bits(it)).collect::<Option<_>>()?;
+        lost.sort_unstable();
+        lost.dedup();
+        let (axis, _) = lost[0];
+        let fault = SetFault::MissingBits { axis, planes: lost.iter().map(|it| it.1).collect(), pictures: all - n };
+        let is_one_axis = lost.iter().all(|it| it.0 == axis);
+        is_one_axis.then(|| Explained { faults: vec![fault], places, unsure: lost })
+    }
+
+    /// A set in its order of which whole groups lack: the stripes of an axis, white, black.
+    pub(super) fn part(&self, looks: &Samples) -> Option<Explained> {
+        let code = self.set.code;
+        let roles = code.pictures();
+        let n = self.set.pictures.len();
+        let all = 1..1_usize << code.order.len();
+        let parts = all.map(|kept| StripeCode {
+            order: code.order.iter().enumerate().filter(|it| kept >> it.0 & 1 == 1).map(|it| *it.1).collect(),
+            ..code.clone()
+        });
+        let is_part = |it: &StripeCode| it.order != code.order && it.check().is_ok() && it.pictures().len() == n;
+        let part = self.best(parts.filter(is_part), looks)?;
+        let there = part.pictures();
+        let places: Places = roles.iter().map(|it| there.iter().position(|shown| shown == it)).collect();
+        let fault = |it: &Group| match it {
+            Group::Stripes(axis) => {
+                let pictures = roles.iter().filter(|it| it.axis() == Some(*axis)).count();
+                SetFault::NoAxis { axis: *axis, pictures }
+            }
+            Group::White | Group::Black => {
+                let shown = if *it == Group::White { Shown::White } else { Shown::Black };
+                let place = code.place(shown).unwrap_or_default();
+                let after = places[..place].iter().rev().find_map(|it| *it);
+                SetFault::Missing { shown, after, or_inverse: false }
+            }
+        };
+        let faults = code.order.iter().filter(|it| !part.order.contains(it)).map(fault).collect();
+        Some(Explained { faults, places, unsure: Vec::new() })
+    }
+
+    /// The first code that holds and whose stripes look like those of their axis.
+    fn best(&self, codes: impl Iterator<Item = StripeCode>, looks: &Samples) -> Option<StripeCode> {
+        let places: Places = (0..self.set.pictures.len()).map(Some).collect();
+        // Where both axes have as many bits, what stripes look like says which one it is.
+        let bits = self.set.code.bits;
+        let lies = |it: &StripeCode| bits[0] == bits[1] && axes_lie(it, looks);
+        codes.filter(|it| !lies(it)).find(|it| self.holds(it, &it.pictures(), &places))
+    }
+
+    /// The settings of which these pictures are a whole set, as near to those stated as can be. White and black in each other's places alone are no other settings.
+    pub(super) fn whole(&self, looks: &Samples) -> Option<StripeCode> {
+        let code = self.set.code;
+        let n = self.set.pictures.len();
+        let off = |it: &StripeCode| {
+            usize::from(it.order != code.order)
+                + usize::from(it.inverse != code.inverse)
+                + usize::from(it.fine_first != code.fine_first)
+        };
+        let mut others = other_settings(code);
+        others.retain(|it| it.pictures().len() == n);
+        others.sort_by_key(off);
+        self.best(others.into_iter(), looks)
+    }
+}
+
+/// Whether what a code has for columns changes down the picture rather than along its rows, and rows the other way round.
+fn axes_lie(code: &StripeCode, looks: &Samples) -> bool {
+    let roles = code.pictures();
+    let along =
+        |axis: Axis| looks.along((0..roles.len()).filter(|it| bit_of(&roles[*it]).is_some_and(|it| it.0 == axis)));
+    match Axis::BOTH.map(|it| code.has(it)) {
+        [true, true] => along(Axis::Columns) < along(Axis::Rows),
+        [true, false] => along(Axis::Columns) < 0.5,
+        _ => along(Axis::Rows) > 0.5,
+    }
+}
+
+/// A code with every other order of its pictures, with and without those of an axis, white, black and inverses.
+fn other_settings(code: &StripeCode) -> Vec<StripeCode> {
+    let groups: Vec<Group> = Axis::BOTH.map(Group::Stripes).into_iter().chain([Group::White, Group::Black]).collect();
+    let mut orders: Vec<Vec<Group>> = Vec::new();
+    for whole in permutations(&groups) {
+        for n in 1..=whole.len() {
+            let order = whole[..n].to_vec();
+            if !orders.contains(&order) {
+                orders.push(order);
+            }
+        }
+    }
+    let flip = |it: &Group| match it {
+        Group::White => Group::Black,
+        Group::Black => Group::White,
+        it => *it,
+    };
+    let flipped: Vec<Group> = code.order.iter().map(flip).collect();
+    let inverses = [Inverse::After, Inverse::Before, Inverse::Apart, Inverse::Last, Inverse::None];
+    let all = orders.iter().flat_map(|order| {
+        inverses.iter().flat_map(move |inverse| {
+            [false, true].map(|fine_first| StripeCode {
+                order: order.clone(),
+                inverse: *inverse,
+                fine_first,
+                ..code.clone()
+            })
+        })
+    });
+    let is_other = |it: &StripeCode| {
+        let is_flipped = it.order == flipped && it.inverse == code.inverse && it.fine_first == code.fine_first;
+        it != code && !is_flipped && it.check().is_ok()
+    };
+    all.filter(is_other).collect()
+}
