@@ -294,6 +294,9 @@ fn calibrations_are_converted_and_what_is_lost_is_said() {
     assert_eq!(foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640,480"]).0, 0);
     let (code, _, complaint) = foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640"]);
     assert_eq!((code, complaint.contains("expected W,H")), (2, true), "{complaint}");
+    let (code, _, complaint) =
+        foveate(at, &["convert", "room.calibration.toml", "other.toml", "--image-size", "641,480"]);
+    assert_eq!((code, complaint.contains("`--image-size 641,480` contradicts")), (2, true), "{complaint}");
     let (code, _, complaint) = foveate(at, &["convert", "room.toml", "x.bin"]);
     assert_eq!((code, complaint.contains("room.toml:")), (2, true), "{complaint}");
     let (code, _, complaint) = foveate(at, &["convert", "room.calibration.toml", "x.bin"]);

@@ -597,5 +597,4 @@ impl Boundaries {
 }
 
 #[cfg(test)]
-#[path = "boundaries_tests.rs"]
 mod tests;

@@ -410,6 +410,25 @@ mod tests {
     }
 
     #[test]
+    fn a_scan_that_lies_mostly_beside_its_reference_keeps_no_promise() {
+        let whole = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
+        let reference = |until: f64| {
+            let is_kept =
+                |it: &&str| it.split(' ').next().and_then(|it| it.parse().ok()).is_some_and(|x: f64| x < until);
+            let points = hill(61, &Isometry3::identity(), 1.0, "");
+            let (_, points) = points.split_once("end_header\n").unwrap();
+            let kept: Vec<&str> = points.lines().filter(is_kept).collect();
+            let (header, _) = whole.split_once("end_header\n").unwrap();
+            let header = header.replace("vertex 3721", &format!("vertex {}", kept.len()));
+            format!("{header}end_header\n{}\n", kept.join("\n"))
+        };
+        for (until, expected) in [(-0.03, exit::UNMET), (0.03, exit::DONE)] {
+            let (code, figures) = compared(&whole, &reference(until), &["--within", "1"]);
+            assert_eq!(code, Ok(expected), "up to {until} m: {figures:#}");
+        }
+    }
+
+    #[test]
     fn units_that_are_neither_metres_nor_millimetres_are_suggested() {
         let scan = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
         let reference = hill(150, &Isometry3::identity(), 100.0, "");

@@ -7,6 +7,9 @@ use super::super::stretches;
 use super::{ALIKE, BEYOND, BROKEN, CLEARLY, MIN_CHANGES, NOISE_SUM, OTHER_EXPOSURE, REACH, SATURATED};
 use crate::ImageView;
 
+/// A pixel: its place, its bits, and those of them that are certain.
+type Read = (usize, u32, u32);
+
 pub(super) struct Set<'a> {
     pub(super) code: &'a StripeCode,
     pub(super) pictures: &'a [ImageView<'a>],
@@ -220,7 +223,7 @@ impl Set<'_> {
     }
 
     /// By bit how often it is as it should be where a coarser one changes, where that is seen often enough; and by pixel its bits, and those that are certain.
-    fn rates(&self, axis: Axis) -> (Vec<Option<f64>>, Vec<(usize, u32, u32)>) {
+    fn rates(&self, axis: Axis) -> (Vec<Option<f64>>, Vec<Read>) {
         let bits = self.code.bits[axis.index()] as usize;
         let place = |plane: usize, inverse: bool| self.place(Shown::Bit { axis, plane: plane as u32, inverse });
         let places: Vec<[Option<usize>; 2]> = (0..bits).map(|it| [place(it, false), place(it, true)]).collect();
@@ -242,7 +245,7 @@ impl Set<'_> {
             }
             (at, ones, certain)
         };
-        let pixels: Vec<(usize, u32, u32)> = self.lit.iter().map(read).collect();
+        let pixels: Vec<Read> = self.lit.iter().map(read).collect();
         // By bit: how often it is as it should be and as it should not where a coarser one changes.
         let mut right = vec![[0_usize; 2]; bits];
         let mut compare = |ones: u32, other: u32, certain: u32| {
@@ -336,7 +339,7 @@ impl Set<'_> {
         Samples { signs: signs.collect(), neighbours, is_down }
     }
 
-    fn range(&self, axis: Axis, bits: usize, pixels: &[(usize, u32, u32)]) -> Option<SetFault> {
+    fn range(&self, axis: Axis, bits: usize, pixels: &[Read]) -> Option<SetFault> {
         let index = axis.index();
         let width = self.code.stripe[index];
         let from = self.code.offset[index];
