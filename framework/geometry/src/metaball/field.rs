@@ -4,7 +4,7 @@
 //! does, and with its root u = √D: for a sphere of effective radius L, u = |x| / L, so that (u − u₀) / |∇u| is the distance from the surface exactly, and for other shapes to first order (G. Taubin,
 //! "Estimation of planar curves, surfaces, and nonplanar space curves defined by implicit equations", TPAMI 13(11), 1991). F itself is flat far away, which slows the fit; u is not.
 //!
-//! The field of a point is summed over the balls of one segment and of those that are joined to it, as the paper segments a body into limbs; the whole body's over all.
+//! The field of a point is summed over the balls of one segment and of those that are joined to it end to end, as the paper segments a body into limbs; the whole body is all limbs together.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -37,7 +37,9 @@ pub struct Body {
     pub skeleton: Skeleton,
     /// What fills it.
     pub balls: Vec<Ball>,
-    /// By segment: the balls that make its field, its own and those of segments joined to it.
+    /// By segment: its own balls.
+    own: Vec<Vec<usize>>,
+    /// By segment: the balls that make its field, its own and those of segments joined to it end to end.
     near: Vec<Vec<usize>>,
 }
 
@@ -103,12 +105,15 @@ impl Body {
     pub fn new(skeleton: Skeleton, balls: Vec<Ball>) -> Body {
         let n = skeleton.segments().len();
         assert!(balls.iter().all(|it| it.segment < n), "a ball on a segment that does not exist");
-        let joined = |a: usize, b: usize| {
-            let parent = |it: usize| skeleton.segments()[it].parent;
-            a == b || parent(a) == Some(b) || parent(b) == Some(a)
+        // A limb that hangs beside its parent's bone, as arms and thighs do on the trunk, does not blend with it: thick balls would reach through an arm that hangs beside them, and make it thin.
+        let hangs_on = |a: usize, b: usize| {
+            let it = &skeleton.segments()[a];
+            it.parent == Some(b) && it.joint_in_parent.xy().norm() == 0.0
         };
+        let joined = |a: usize, b: usize| a == b || hangs_on(a, b) || hangs_on(b, a);
         let near = (0..n).map(|a| (0..balls.len()).filter(|b| joined(a, balls[*b].segment)).collect()).collect();
-        Body { skeleton, balls, near }
+        let own = (0..n).map(|a| (0..balls.len()).filter(|b| balls[*b].segment == a).collect()).collect();
+        Body { skeleton, balls, own, near }
     }
 
     /// The thickest ball's least radius: inside a body, where balls overlap, the field is taken to be no flatter than it is at the surface of that one [m].
@@ -126,10 +131,19 @@ impl Body {
         self.blend(posed, state, &self.near[segment], point)
     }
 
-    /// The field of all balls at a point of the world; `None` for a body without balls.
+    /// The field of the whole body at a point of the world: that of the segment in which it lies deepest; `None` for a body without balls.
     pub fn field(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<FieldAt> {
-        let all: Vec<usize> = (0..self.balls.len()).collect();
-        self.blend(posed, state, &all, point)
+        let term = |(number, ball): (usize, &Ball)| {
+            let term = self.term(posed, state, ball, number, point);
+            (term.squared_distance, posed.world_from_segment[ball.segment].rotation * term.gradient)
+        };
+        let terms: Vec<(f64, Vector3<f64>)> = self.balls.iter().enumerate().map(term).collect();
+        let of = |near: &Vec<usize>| {
+            let mut sum = Blend::default();
+            near.iter().for_each(|it| sum.add(terms[*it].0, &terms[*it].1));
+            sum.finish().map(|(d, gradient, weight)| FieldAt { d, gradient: gradient / weight })
+        };
+        self.near.iter().filter_map(of).min_by(|a, b| a.d.total_cmp(&b.d))
     }
 
     /// The segment whose bone a point is nearest to, bones being as thick as the balls on them, among those that carry balls: for a rough posture, where the field is far away.
@@ -147,14 +161,13 @@ impl Body {
         nearest.map(|it| it.1)
     }
 
-    /// The segment in whose field a point lies deepest, among those that carry balls.
+    /// The segment whose own balls a point lies deepest in or nearest to, in metres: thick balls reach far in units of their radii.
     pub fn nearest_segment(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
-        let least = |segment: usize| {
-            let d = |(number, ball): (usize, &Ball)| self.term(posed, state, ball, number, point).squared_distance;
-            let own = self.balls.iter().enumerate().filter(|(_, it)| it.segment == segment).map(d);
-            own.min_by(f64::total_cmp).map(|it| (it, segment))
+        let most_m = self.thickness_m(state);
+        let away = |(segment, own): (usize, &Vec<usize>)| {
+            Some((self.blend(posed, state, own, point)?.distance(most_m), segment))
         };
-        let nearest = (0..self.near.len()).filter_map(least).min_by(|a, b| a.0.total_cmp(&b.0));
+        let nearest = self.own.iter().enumerate().filter_map(away).min_by(|a, b| a.0.total_cmp(&b.0));
         nearest.map(|it| it.1)
     }
 

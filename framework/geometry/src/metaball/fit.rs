@@ -27,7 +27,7 @@ use foveate_estimation::least_squares::{Loss, Options, SolveError, Unobservable,
 use nalgebra::{DMatrix, Point3, Unit, UnitQuaternion, Vector3};
 
 pub use self::judge::Doubt;
-use self::round::{Belongs, Round};
+use self::round::{Belongs, Round, Tied};
 use super::field::Body;
 use super::skeleton::{Columns, State};
 use crate::Pose;
@@ -133,8 +133,10 @@ pub struct Priors {
     pub root: Option<RootPrior>,
     /// By angle: its mean and standard deviation [rad]; infinite: nothing is known of it.
     pub angles: Vec<(f64, f64)>,
-    /// By scale: its mean [–] and the standard deviation of its logarithm [–].
+    /// By scale: its mean [–] and the standard deviation of its logarithm beside what all scales have in common [–].
     pub scales: Vec<(f64, f64)>,
+    /// Standard deviation of what the logarithms of all scales have in common: of how tall somebody is [–].
+    pub stature: f64,
     /// What is known of the balls' radii.
     pub radii: Option<RadiiPrior>,
 }
@@ -144,8 +146,10 @@ pub struct Priors {
 pub struct RadiiPrior {
     /// By ball [m].
     pub means: Vec<Vector3<f64>>,
-    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y [–].
+    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y, beside what all have in common [–].
     pub thickness: f64,
+    /// Standard deviation of what the logarithms of the thicknesses of all balls have in common: of how stout and how dressed somebody is [–].
+    pub girth: f64,
     /// Standard deviation of the logarithm of the ratio of the thicknesses of neighbouring balls of a segment [–].
     pub evenness: f64,
     /// Standard deviation of the logarithm of the ratio of a ball's radii along x and y [–].
@@ -276,8 +280,7 @@ pub enum BodyFitError {
 /// What a stage seeks.
 struct Stage {
     free: Free,
-    /// Each segment's balls are thicker or thinner by one factor.
-    limbs_only: bool,
+    tied: Tied,
     belongs: Belongs,
     loss: Loss,
     settled_m: f64,
@@ -317,7 +320,7 @@ pub fn fit_body(
     let posture = Free { scales: false, radii: false, ..free };
     let coarse = Stage {
         free: posture,
-        limbs_only: false,
+        tied: Tied::Apart,
         belongs: Belongs::Bone,
         loss: Loss::HUBER,
         settled_m: COARSELY_SETTLED_M,
@@ -325,15 +328,20 @@ pub fn fit_body(
     };
     if options.rough && (free.angles || free.root != FreedomOfRoot::Held) {
         search.anchors_alone(&coarse)?;
-        search.go(&coarse)?;
+        let girth = priors.radii.as_ref().map_or(0.0, |it| it.girth);
+        if (free.scales || free.radii) && priors.stature + girth > 0.0 {
+            search.go(&Stage { free, tied: Tied::Body, ..coarse })?;
+        } else {
+            search.go(&coarse)?;
+        }
         search.twists(&coarse)?;
     }
     if options.rough && (free.scales || free.radii) {
-        search.go(&Stage { free, limbs_only: true, ..coarse })?;
+        search.go(&Stage { free, tied: Tied::Limbs, ..coarse })?;
     }
     let last = Stage {
         free,
-        limbs_only: false,
+        tied: Tied::Apart,
         belongs: Belongs::Field,
         loss: options.loss,
         settled_m: options.settled_m,
@@ -469,7 +477,7 @@ impl Search<'_> {
                     &options,
                     stage.belongs,
                 )
-                .with_limbs_only(stage.limbs_only);
+                .with_tied(stage.tied);
                 let held = held(&columns, free);
                 if held.len() == columns.len() {
                     continue;

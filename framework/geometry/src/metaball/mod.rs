@@ -8,7 +8,8 @@
 //! | [`field`] | the balls, the field of a body and its derivatives (4)–(8) |
 //! | [`fit`] | angles, lengths and radii from observations of several kinds (9)–(15) |
 //! | [`people`] | the skeleton of a person and of an arm, with three balls a limb |
-//! | [`skin`] | the surface as triangles, and as B-spline patches over cross-sections (§3.1) |
+//! | [`isosurface`] | the surface as a closed mesh of triangles |
+//! | [`skin`] | the same as B-spline patches over cross-sections (§3.1) |
 //!
 //! | here | paper | meaning | unit |
 //! |---|---|---|---|
@@ -21,6 +22,7 @@
 
 pub mod field;
 pub mod fit;
+pub mod isosurface;
 pub mod people;
 pub mod skeleton;
 pub mod skin;
@@ -32,6 +34,7 @@ pub use fit::{
     BodyFit, BodyFitError, BodyFitOptions, BodyObservation, Doubt, Free, FreedomOfRoot, Priors, RadiiPrior,
     ResidualKind, RootPrior, fit_body,
 };
+pub use isosurface::surface;
 pub use people::{Side, anthropometric, arm, person};
 pub use skeleton::{Columns, Dof, Posed, Segment, Skeleton, SkeletonError, State};
-pub use skin::{BodySkin, skin_patches, surface};
+pub use skin::{BodySkin, skin_patches};

@@ -20,10 +20,10 @@ const HAND: f64 = 0.108;
 const THIGH: f64 = 0.245;
 const SHANK: f64 = 0.246;
 const FOOT: f64 = 0.152;
-const HALF_SHOULDERS: f64 = 0.129;
-const HALF_HIPS: f64 = 0.0955;
+const HALF_SHOULDERS: f64 = 0.104;
+const HALF_HIPS: f64 = 0.05;
 const HIP_HEIGHT: f64 = 0.530;
-const SHOULDER_HEIGHT: f64 = 0.818;
+const SHOULDER_HEIGHT: f64 = 0.800;
 const CHIN_HEIGHT: f64 = 0.870;
 
 /// Half the length of a ball along a bone, over its share of the bone: so that three of a kind make a limb whose thickness changes by less than a hundredth along it. Balls that overlap more can
@@ -243,7 +243,7 @@ pub fn person(height: f64) -> (Body, State) {
     let h = height;
     let identity = UnitQuaternion::identity();
     // One scale each for pelvis, trunk, head, and for each kind of limb, left and right together.
-    let [pelvis, trunk, head, arms, legs] = [0, 1, 2, 3, 6];
+    let [pelvis, trunk, head, arms, legs] = [0, 0, 1, 2, 5];
     let waist = 0.08 * h;
     build.segment("pelvis", None, identity, waist, pelvis, Vec::new());
     build.ball(0, Vector3::new(0.0, 0.045 * h, 0.01 * h), Vector3::new(0.065 * h, 0.06 * h, 0.075 * h));
@@ -299,9 +299,11 @@ pub fn anthropometric(start: &State) -> Priors {
         root: Some(root),
         angles: start.angles.iter().map(|it| (*it, 1.0)).collect(),
         scales: start.scales.iter().map(|it| (*it, 0.06)).collect(),
+        stature: 0.0,
         radii: Some(RadiiPrior {
             means: start.radii.clone(),
             thickness: 0.12,
+            girth: 0.0,
             evenness: 0.06,
             roundness: 0.04,
             reach: 0.06,

@@ -1,32 +1,10 @@
-//! The skin of a body: its isosurface as triangles, and B-spline patches over cross-sections (§3.1).
+//! The skin of a body as B-spline patches over cross-sections (§3.1).
 
 use nalgebra::{Point3, Vector3};
 
 use super::field::Body;
 use super::skeleton::State;
-use crate::surface::{DistanceField, FieldOptions, MeshOptions, SurfaceVertex, TriangleMesh};
-
-/// The isosurface of the whole body's field, sampled every `voxel_m` [m].
-pub fn surface(body: &Body, state: &State, voxel_m: f64) -> TriangleMesh {
-    let posed = body.skeleton.pose(state);
-    let most_m = body.thickness_m(state);
-    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for (number, ball) in body.balls.iter().enumerate() {
-        let scale = state.scales[body.skeleton.segments()[ball.segment].scale];
-        let centre = (posed.world_from_segment[ball.segment] * Point3::from(ball.centre * scale)).coords;
-        // Overlapping balls swell: their effective radii hold the surface.
-        let reach = Vector3::repeat(state.radii[number].max());
-        low = low.inf(&(centre - reach));
-        high = high.sup(&(centre + reach));
-    }
-    if !(low.iter().chain(high.iter()).all(|it| it.is_finite())) {
-        return TriangleMesh::default();
-    }
-    let options = FieldOptions { voxel_m, truncation: 3.0, max_blocks: 1 << 20 };
-    let distance = |point: &Point3<f64>| body.field(&posed, state, point).map(|it| it.distance(most_m));
-    let field = DistanceField::sampled(options, [Point3::from(low), Point3::from(high)], distance);
-    field.mesh(&MeshOptions { min_points: 0.5, min_triangles: 0 })
-}
+use crate::surface::{SurfaceVertex, TriangleMesh};
 
 /// One patch: a grid of control points, closed around the limb, and its tessellation.
 #[derive(Debug, Clone, PartialEq)]

@@ -42,7 +42,9 @@ const LIMBS: [[&str; 2]; 4] = [
     ["thigh_right", "shank_right"],
 ];
 /// The middle of the head from the joint of the neck, in lengths of head and neck together.
-const MIDDLE_OF_HEAD: f64 = 0.64;
+const MIDDLE_OF_HEAD: f64 = 0.675;
+/// Where the head meets the neck, in the same.
+const CHIN_OF_HEAD: f64 = 0.35;
 
 /// Joints of the message before, for velocities: place and covariance.
 pub(super) type Before = Vec<(u8, Point3<f64>, Matrix3<f64>)>;
@@ -56,7 +58,11 @@ pub(super) fn is_limb(bones: &Bones, segment: usize) -> bool {
 pub(super) fn joint_place(body: &Body, joint: usize) -> Option<(usize, Vector3<f64>)> {
     let bones = &body.skeleton;
     let segment = bones.find(JOINTS.get(joint)?)?;
-    let along = if joint == 0 { MIDDLE_OF_HEAD * bones.segments()[segment].length } else { 0.0 };
+    let along = match joint {
+        0 => MIDDLE_OF_HEAD * bones.segments()[segment].length,
+        1 => CHIN_OF_HEAD * bones.segments()[segment].length,
+        _ => 0.0,
+    };
     Some((segment, Vector3::new(0.0, 0.0, along)))
 }
 

@@ -1,5 +1,7 @@
 //! The node on arms that are not made of metaballs.
 
+mod people;
+
 use foveate::estimation::random::Random;
 use foveate::geometry::Camera;
 use foveate::geometry::metaball::{self, Side};
@@ -9,7 +11,7 @@ use foveate_testkit::check_node;
 use nalgebra::{Matrix3, Point2, Point3, UnitQuaternion, Vector3};
 
 use super::track::{BodyTracker, Outcome, Rules};
-use super::{BodyFitter, BodySettings, Clicked, SILHOUETTES, SKELETONS, SKIN, Skin};
+use super::{BodyFitter, BodySettings, Clicked, Model, SILHOUETTES, SKELETONS, SKIN, Skin};
 
 const TRACKED: In<TrackedSurface> = In::each(0, "tracked");
 

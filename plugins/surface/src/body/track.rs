@@ -19,10 +19,14 @@ const LEVER_M: f64 = 0.3;
 const LEAST_POINTS: usize = 20;
 /// How many clicked joints start a body.
 const LEAST_CLICKS: usize = 3;
-/// Lengths farther from what people have are no person's, in standard deviations [–].
-const MOST_SIGMAS: f64 = 3.0;
 /// How well a person's height is known that was said "about", beside people's spread of 4 % about their mean [–].
 const STATURE_SIGMA: f64 = 0.08;
+/// How well it is known how stout and how thickly dressed somebody is, stature included: standard deviation of what the thicknesses of all limbs have in common [–].
+const GIRTH_SIGMA: f64 = 0.15;
+/// How far lengths of limbs are from what goes with the stature: the spread of 6 % of all people less that of their stature, 4 % [–].
+const LENGTH_SIGMA: f64 = 0.045;
+/// Joints of a person with left and right exchanged that fit better than by this: of simulated people 0.7 where they were exchanged, 1.3 and more where not [–].
+const LIKE_MIRRORED: f64 = 0.9;
 /// A body of more lengths is no arm.
 const ARM_SCALES: usize = 3;
 /// Lines of sight that pass farther from all points of an arm are of the rest of the person [m].
@@ -146,7 +150,7 @@ impl BodyTracker {
             Some(last) if surface.time > last.time => {
                 let since_s = (surface.time - last.time).as_s();
                 match self.near(&chosen, &rays, last, since_s) {
-                    Ok(fit) if blame(&fit, &self.body, &self.template).is_none() => Ok(fit),
+                    Ok(fit) if blame(&fit).is_none() => Ok(fit),
                     _ => self.anew(&chosen, &rays, clicks),
                 }
             }
@@ -159,7 +163,7 @@ impl BodyTracker {
                 return Outcome::Refused { kind, reason };
             }
         };
-        if let Some((kind, reason)) = blame(&fit, &self.body, &self.template) {
+        if let Some((kind, reason)) = blame(&fit) {
             self.forget();
             return Outcome::Refused { kind, reason };
         }
@@ -237,7 +241,7 @@ impl BodyTracker {
         let root = RootPrior { world_from_root: start.world_from_root, turn_sigma: turn, shift_sigma: turn * LEVER_M };
         let mut angles: Vec<(f64, f64)> = start.angles.iter().map(|it| (*it, turn)).collect();
         self.rest(&mut angles, |segment| last.unsupported.contains(&segment));
-        let priors = Priors { root: Some(root), angles, ..anthropometric(&self.template) };
+        let priors = Priors { root: Some(root), angles, ..self.usual() };
         let options = BodyFitOptions { free: self.free(), rough: false, ..self.rules.options.clone() };
         fit_body(&self.body, &all, &start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
     }
@@ -250,6 +254,17 @@ impl BodyTracker {
                 bones.angles_of(segment).for_each(|it| angles[it] = (self.template.angles[it], EXTREMITY_SIGMA));
             }
         }
+    }
+
+    /// What is known of sizes. A whole person says its stature and girth by itself; of an arm too little is seen.
+    fn usual(&self) -> Priors {
+        let mut priors = anthropometric(&self.template);
+        if self.body.skeleton.n_scales() > ARM_SCALES {
+            priors.stature = STATURE_SIGMA;
+            priors.scales.iter_mut().for_each(|it| it.1 = LENGTH_SIGMA);
+            priors.radii.iter_mut().for_each(|it| it.girth = GIRTH_SIGMA);
+        }
+        priors
     }
 
     /// With the shape that is kept, once there is one.
@@ -284,9 +299,9 @@ impl BodyTracker {
         let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
         let is_clicked = anchors.len() >= LEAST_CLICKS;
         let fit = |start: &State, observations: &[BodyObservation], options: &BodyFitOptions| {
-            let mut priors = anthropometric(start);
-            priors.radii = anthropometric(&self.template).radii;
-            priors.scales = anthropometric(&self.template).scales;
+            let usual = self.usual();
+            let mut priors =
+                Priors { radii: usual.radii, scales: usual.scales, stature: usual.stature, ..anthropometric(start) };
             if is_clicked {
                 self.rest(&mut priors.angles, |_| true);
             }
@@ -307,6 +322,18 @@ impl BodyTracker {
                 {
                     let reason = format!(
                         "the clicked shoulder and wrist look exchanged: as they are, lengths and thicknesses are {off:.0} squared standard deviations from what people have, exchanged {other:.0}"
+                    );
+                    return Err(("no_start", reason));
+                }
+            }
+            // People are not alike from front and back, feet and knees least.
+            if self.body.skeleton.n_scales() > ARM_SCALES && found.rms_m > self.rules.options.model_sigma_m {
+                let turned = fit(&start, &[&points[..], &mirrored(&self.body, &anchors)].concat(), &options)?;
+                if turned.rms_m < LIKE_MIRRORED * found.rms_m {
+                    let reason = format!(
+                        "left and right of the clicked joints look exchanged: points are {:.1} mm off the body as they are, exchanged {:.1} mm",
+                        1e3 * found.rms_m,
+                        1e3 * turned.rms_m
                     );
                     return Err(("no_start", reason));
                 }
@@ -403,22 +430,8 @@ fn is_extremity(segment: &str) -> bool {
     segment.starts_with("hand") || segment.starts_with("foot")
 }
 
-/// Whether the lengths of a whole person are those of somebody who is taller or smaller than was said: all of them together, and each beside the others, within what people have.
-fn is_of_somebody(fit: &BodyFit, body: &Body, template: &State) -> bool {
-    let bones = &body.skeleton;
-    let pelvis = bones.find("pelvis").map(|it| bones.segments()[it].scale);
-    let others = (0..template.scales.len()).filter(|it| Some(*it) != pelvis);
-    let off: Vec<f64> = others.map(|it| (fit.state.scales[it] / template.scales[it]).ln()).collect();
-    let Some((_, sigma)) = anthropometric(template).scales.first().copied() else { return false };
-    let stature = STATURE_SIGMA * STATURE_SIGMA;
-    // The mean of what all have in common, from all, each of which has its own.
-    let common = off.iter().sum::<f64>() * stature / (sigma * sigma + off.len() as f64 * stature);
-    let is_usual = |it: f64, sigma: f64| it.abs() < MOST_SIGMAS * sigma;
-    off.len() > ARM_SCALES && is_usual(common, STATURE_SIGMA) && off.iter().all(|it| is_usual(it - common, sigma))
-}
-
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
-fn blame(fit: &BodyFit, body: &Body, template: &State) -> Option<(&'static str, String)> {
+fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
     let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
     for doubt in &fit.doubts {
@@ -426,7 +439,7 @@ fn blame(fit: &BodyFit, body: &Body, template: &State) -> Option<(&'static str, 
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
             // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
             Doubt::Misshapen { segment, .. } if segment == "pelvis" => (),
-            Doubt::Misshapen { what: "length", .. } if is_of_somebody(fit, body, template) => (),
+
             Doubt::Misshapen { segment, .. } if !is_extremity(segment) => {
                 return Some(("misshapen", doubt.to_string()));
             }
@@ -438,4 +451,21 @@ fn blame(fit: &BodyFit, body: &Body, template: &State) -> Option<(&'static str, 
     }
     // Nothing but hands, feet or a single limb.
     (supported < 2).then(|| ("few_limbs", format!("points on {supported} of its segments, expected 2 at least")))
+}
+
+/// Clicked joints with left and right exchanged.
+fn mirrored(body: &Body, anchors: &[BodyObservation]) -> Vec<BodyObservation> {
+    let bones = &body.skeleton;
+    let other = |segment: usize| {
+        let name = &bones.segments()[segment].name;
+        let mirror = if name.ends_with("left") { name.replace("left", "right") } else { name.replace("right", "left") };
+        bones.find(&mirror).unwrap_or(segment)
+    };
+    let mut turned = anchors.to_vec();
+    for it in &mut turned {
+        if let BodyObservation::Anchored { segment, .. } = it {
+            *segment = other(*segment);
+        }
+    }
+    turned
 }

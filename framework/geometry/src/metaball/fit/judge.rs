@@ -4,7 +4,8 @@ use foveate_estimation::least_squares::Unobservable;
 use nalgebra::{DMatrix, Point3};
 
 use super::round::{Belongs, before_cut, segment_of};
-use super::{BodyFit, BodyObservation, Search};
+use super::{BodyFit, BodyObservation, RadiiPrior, Search};
+use crate::metaball::skeleton::State;
 
 /// A segment with fewer observations that are independent of each other is not supported: five fix a cylinder.
 const LEAST_SUPPORT: f64 = 6.0;
@@ -127,6 +128,20 @@ impl Search<'_> {
         if share > MOST_OUTLIERS {
             doubts.push(Doubt::Elsewhere { share });
         }
+        let lengths: Vec<(f64, f64)> =
+            priors.scales.iter().zip(&state.scales).map(|((mean, sigma), it)| ((it / mean).ln(), *sigma)).collect();
+        let stature = in_common(&lengths, priors.stature);
+        let girth = priors.radii.as_ref().map_or((0.0, 0.0), |prior| {
+            let off = |it: usize| (thickness_off(prior, state, it), prior.thickness);
+            (in_common(&(0..prior.means.len()).map(off).collect::<Vec<_>>(), prior.girth), prior.girth)
+        });
+        for (what, off, sigma) in [("stature", stature, priors.stature), ("girth", girth.0, girth.1)] {
+            if sigma > 0.0 && off.abs() > MOST_SIGMAS * sigma {
+                let segment = "the whole body".to_owned();
+                doubts.push(Doubt::Misshapen { segment, what, sigmas: off / sigma });
+            }
+        }
+        let girth = girth.0;
         for (number, segment) in body.skeleton.segments().iter().enumerate() {
             let own: Vec<usize> = (0..body.balls.len()).filter(|it| body.balls[*it].segment == number).collect();
             if own.is_empty() {
@@ -138,11 +153,11 @@ impl Search<'_> {
             }
             let mut sizes = Vec::new();
             if let Some((mean, sigma)) = priors.scales.get(segment.scale) {
-                sizes.push(("length", (state.scales[segment.scale] / mean).ln() / sigma));
+                sizes.push(("length", ((state.scales[segment.scale] / mean).ln() - stature) / sigma));
             }
             if let Some(prior) = &priors.radii {
-                let off = |ball: &usize| state.radii[*ball].component_div(&prior.means[*ball]).xy().map(f64::ln).mean();
-                sizes.push(("thickness", own.iter().map(off).sum::<f64>() / own.len() as f64 / prior.thickness));
+                let off = own.iter().map(|it| thickness_off(prior, state, *it)).sum::<f64>() / own.len() as f64;
+                sizes.push(("thickness", (off - girth) / prior.thickness));
             }
             for (what, sigmas) in sizes.into_iter().filter(|it| it.1.abs() > MOST_SIGMAS) {
                 doubts.push(Doubt::Misshapen { segment: segment.name.clone(), what, sigmas });
@@ -159,4 +174,18 @@ impl Search<'_> {
         }
         doubts
     }
+}
+
+/// The logarithm of a ball's thickness over what is expected [–].
+fn thickness_off(prior: &RadiiPrior, state: &State, ball: usize) -> f64 {
+    state.radii[ball].component_div(&prior.means[ball]).xy().map(f64::ln).mean()
+}
+
+/// What sizes, each with its own standard deviation, have in common that is known to be 0 within `common` [–].
+fn in_common(sizes: &[(f64, f64)], common: f64) -> f64 {
+    if common <= 0.0 {
+        return 0.0;
+    }
+    let weight: f64 = sizes.iter().map(|it| it.1.powi(-2)).sum();
+    sizes.iter().map(|it| it.0 / it.1.powi(2)).sum::<f64>() / (weight + common.powi(-2))
 }

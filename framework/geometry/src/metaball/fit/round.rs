@@ -11,7 +11,7 @@ use crate::metaball::skeleton::{Columns, Posed, State};
 
 /// Median of the size of a standard normal number.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-/// Standard deviation of the logarithm by which balls of a limb differ while only the limb's thickness is sought [–].
+/// Standard deviation of the logarithm by which balls of a limb differ and segments in length, while only what they have in common is sought [–].
 const TIED: f64 = 0.02;
 
 /// An observation with what a round decided about it.
@@ -48,8 +48,18 @@ pub(super) struct Round<'a> {
     priors: &'a Priors,
     options: &'a BodyFitOptions,
     columns: Columns,
-    /// Balls of a segment are thicker or thinner by one factor.
-    limbs_only: bool,
+    tied: Tied,
+}
+
+/// Which sizes go together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tied {
+    /// None: each ball has its own radii.
+    Apart,
+    /// The balls of a segment are thicker or thinner by one factor.
+    Limbs,
+    /// All segments are longer or shorter by one factor, and all balls thicker or thinner by another.
+    Body,
 }
 
 /// What each observation counts: points in one cell have the model's error in common, their own errors not.
@@ -193,13 +203,13 @@ impl<'a> Round<'a> {
             }
         };
         let decided: Vec<Decided> = observations.iter().zip(worth).filter_map(decide).collect();
-        let round = Round { body, decided, priors, options, columns: Columns::of(state), limbs_only: false };
+        let round = Round { body, decided, priors, options, columns: Columns::of(state), tied: Tied::Apart };
         round.widened(&posed, state)
     }
 
-    /// The round with the balls of each segment thicker or thinner by one factor, or not.
-    pub(super) fn with_limbs_only(self, limbs_only: bool) -> Round<'a> {
-        Round { limbs_only, ..self }
+    /// The round with sizes that go together.
+    pub(super) fn with_tied(self, tied: Tied) -> Round<'a> {
+        Round { tied, ..self }
     }
 
     /// The round with residuals divided by their own spread where that is larger than the stated one: from a rough start all points are far off, and none is wrong (the scale of an M-estimate, P. Huber,
@@ -233,10 +243,16 @@ impl<'a> Round<'a> {
         for (angle, (mean, sigma)) in self.priors.angles.iter().enumerate().filter(|(_, it)| it.1.is_finite()) {
             equations.add_known((at.angles[angle] - mean) / sigma, &[(self.columns.angle(angle), 1.0 / sigma)]);
         }
-        for (scale, (mean, sigma)) in self.priors.scales.iter().enumerate() {
-            let residual = (at.scales[scale] / mean).ln() / sigma;
-            equations.add_known(residual, &[(self.columns.scale(scale), 1.0 / sigma)]);
-        }
+        let is_tied = self.tied == Tied::Body || self.tied == Tied::Limbs && self.priors.stature > 0.0;
+        let scales = self.priors.scales.iter().enumerate();
+        let lengths: Vec<Known> = scales
+            .map(|(scale, (mean, sigma))| Known {
+                off: (at.scales[scale] / mean).ln(),
+                sigma: if is_tied { sigma.min(TIED) } else { *sigma },
+                by: vec![(self.columns.scale(scale), 1.0)],
+            })
+            .collect();
+        alike(&lengths, self.priors.stature).iter().for_each(|it| equations.add_known(it.0, &it.1));
         if let Some(prior) = &self.priors.radii {
             self.add_radii(prior, at, equations);
         }
@@ -252,19 +268,25 @@ impl<'a> Round<'a> {
     fn add_radii(&self, prior: &RadiiPrior, at: &State, equations: &mut Equations) {
         let off = |ball: usize| at.radii[ball].component_div(&prior.means[ball]).map(f64::ln);
         let [x, y, z] = [0, 1, 2].map(|axis| move |ball: usize| self.columns.radius(ball, axis));
+        let own = |sigma: f64| if self.tied == Tied::Body { sigma.min(TIED) } else { sigma };
+        let thick = |ball: usize| {
+            let off = off(ball);
+            Known { off: 0.5 * (off.x + off.y), sigma: own(prior.thickness), by: vec![(x(ball), 0.5), (y(ball), 0.5)] }
+        };
+        let thick: Vec<Known> = (0..prior.means.len()).map(thick).collect();
+        alike(&thick, prior.girth).iter().for_each(|it| equations.add_known(it.0, &it.1));
         for ball in 0..prior.means.len() {
             let off = off(ball);
             for (residual, sigma, by) in [
-                (0.5 * (off.x + off.y), prior.thickness, &[(x(ball), 0.5), (y(ball), 0.5)][..]),
-                (off.x - off.y, prior.roundness, &[(x(ball), 1.0), (y(ball), -1.0)]),
+                (off.x - off.y, prior.roundness, &[(x(ball), 1.0), (y(ball), -1.0)][..]),
                 (off.z, prior.reach, &[(z(ball), 1.0)]),
             ] {
-                let sigma = if self.limbs_only && sigma != prior.thickness { sigma.min(TIED) } else { sigma };
+                let sigma = if self.tied == Tied::Apart { sigma } else { sigma.min(TIED) };
                 let by: Vec<(usize, f64)> = by.iter().map(|it| (it.0, it.1 / sigma)).collect();
                 equations.add_known(residual / sigma, &by);
             }
         }
-        let evenness = if self.limbs_only { prior.evenness.min(TIED) } else { prior.evenness };
+        let evenness = if self.tied == Tied::Apart { prior.evenness } else { prior.evenness.min(TIED) };
         let segment = |ball: usize| self.body.balls[ball].segment;
         for ball in (1..prior.means.len()).filter(|it| segment(*it) == segment(it - 1)) {
             let (one, other) = (off(ball - 1), off(ball));
@@ -273,6 +295,31 @@ impl<'a> Round<'a> {
             equations.add_known(residual, &by.map(|it| (it.0, it.1 / evenness)));
         }
     }
+}
+
+/// A size: how far its logarithm is from what is expected, how far it is of one person beside the others, and its derivatives.
+struct Known {
+    off: f64,
+    sigma: f64,
+    by: Vec<(usize, f64)>,
+}
+
+/// Residuals of sizes off = c + e, with c of standard deviation `common` and e of their own, c integrated out, and their derivatives: where all σ are alike, the inverse of σ² I + c² 11ᵀ is the square of
+/// (I − k 11ᵀ/n) / σ with 1 − k = 1 / √(1 + n c²/σ²).
+fn alike(sizes: &[Known], common: f64) -> Vec<(f64, Vec<(usize, f64)>)> {
+    let weight: f64 = sizes.iter().map(|it| it.sigma.powi(-2)).sum();
+    let k = 1.0 - 1.0 / (1.0 + weight * common * common).sqrt();
+    let mean = sizes.iter().map(|it| it.off / it.sigma.powi(2)).sum::<f64>() / weight;
+    let row = |(number, size): (usize, &Known)| {
+        let part = |(other, it): (usize, &Known)| {
+            let own = if other == number { 1.0 } else { 0.0 };
+            (own - k / (weight * it.sigma.powi(2))) / size.sigma
+        };
+        let by = sizes.iter().enumerate().map(|it| (part(it), it.1)).filter(|it| it.0 != 0.0);
+        let by = by.flat_map(|(part, it)| it.by.iter().map(move |(column, by)| (*column, by * part)));
+        ((size.off - k * mean) / size.sigma, by.collect())
+    };
+    sizes.iter().enumerate().map(row).collect()
 }
 
 /// Residuals of the root's turn and place, in its space as it is known beforehand.
@@ -445,5 +492,38 @@ impl Body {
             middle = 0.5 * (low + high);
         }
         Some(origin + direction.into_inner() * middle)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+
+    use super::*;
+
+    #[test]
+    fn sizes_with_something_in_common_cost_what_their_covariance_says() {
+        let off = [0.1, -0.05, 0.2, 0.07];
+        for (sigmas, common) in [([0.06, 0.06, 0.06, 0.06], 0.08), ([0.04, 0.08, 0.05, 0.06], 0.15), ([0.06; 4], 0.0)] {
+            let known = |off: [f64; 4]| -> Vec<Known> {
+                (0..4).map(|it| Known { off: off[it], sigma: sigmas[it], by: vec![(10 + it, 1.0)] }).collect()
+            };
+            let rows = alike(&known(off), common);
+            let covariance =
+                DMatrix::from_fn(4, 4, |a, b| common * common + if a == b { sigmas[a].powi(2) } else { 0.0 });
+            let off_vector = DVector::from_row_slice(&off);
+            let expected = off_vector.dot(&(covariance.try_inverse().unwrap() * &off_vector));
+            let cost: f64 = rows.iter().map(|it| it.0 * it.0).sum();
+            assert!((cost / expected - 1.0).abs() < 1e-9, "{cost}, expected {expected} with {sigmas:?}");
+            for (number, row) in rows.iter().enumerate() {
+                for it in 0..4 {
+                    let mut moved = off;
+                    moved[it] += 1e-6;
+                    let slope = (alike(&known(moved), common)[number].0 - row.0) / 1e-6;
+                    let by: f64 = row.1.iter().filter(|by| by.0 == 10 + it).map(|by| by.1).sum();
+                    assert!((slope - by).abs() < 1e-4 * (1.0 + slope.abs()), "{slope} and {by}");
+                }
+            }
+        }
     }
 }
