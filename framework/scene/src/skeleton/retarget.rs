@@ -56,6 +56,14 @@ pub enum RetargetError {
         /// Those that it has.
         expected: String,
     },
+    /// One joint of the rig under two names that follow different ones.
+    #[error("joint `{name}` of the rig is to follow both {} and {}, expected one of them", leaders[0], leaders[1])]
+    TwoLeaders {
+        /// Of the rig.
+        name: String,
+        /// Of the motion.
+        leaders: [String; 2],
+    },
     /// A skeleton that cannot stand: without height.
     #[error("the {whose} has no height at rest between its first joint and its lowest one")]
     Flat {
@@ -129,13 +137,35 @@ fn lowest(rig: &[RigJoint], stands: &[Isometry3<f64>], up: Axis) -> f64 {
     lowest_joint(rig, stands, up).map_or(f64::INFINITY, |it| foot_of(&rig[it], &stands[it], up))
 }
 
-fn find(joints: &[RigJoint], whose: &'static str, name: &str) -> Result<usize, RetargetError> {
-    let plain = |it: &RigJoint| it.name.rsplit(':').next() == Some(name) || it.name == name;
+fn find(joints: &[&str], whose: &'static str, name: &str) -> Result<usize, RetargetError> {
+    let plain = |it: &&str| it.rsplit(':').next() == Some(name) || *it == name;
     joints.iter().position(plain).ok_or_else(|| RetargetError::NoJoint {
         whose,
         name: name.to_owned(),
-        expected: joints.iter().map(|it| it.name.as_str()).collect::<Vec<_>>().join(", "),
+        expected: joints.join(", "),
     })
+}
+
+/// By joint of a rig: which of the joints of a motion, of these names, it follows by a map; names may leave out what stands before a colon.
+///
+/// # Errors
+/// A name of the map that one of both does not have, and a joint of the rig that is to follow two.
+pub fn followed(
+    rig: &[RigJoint],
+    motion: &[&str],
+    map: &[(String, String)],
+) -> Result<Vec<Option<usize>>, RetargetError> {
+    let of_rig: Vec<&str> = rig.iter().map(|it| it.name.as_str()).collect();
+    let mut follows: Vec<Option<usize>> = vec![None; rig.len()];
+    for (joint, leader) in map {
+        let joint = find(&of_rig, "rig", joint)?;
+        let leader = find(motion, "motion", leader)?;
+        if let Some(before) = follows[joint].replace(leader).filter(|it| *it != leader) {
+            let leaders = [before, leader].map(|it| motion[it].to_owned());
+            return Err(RetargetError::TwoLeaders { name: rig[joint].name.clone(), leaders });
+        }
+    }
+    Ok(follows)
 }
 
 /// Directions of the bones that leave a joint at rest to those of `to`, or, where there is none, to where it ends: the middle of what hangs on it.
@@ -192,10 +222,8 @@ pub fn retarget(
     if map.is_empty() || motion.n_frames() == 0 || rig.is_empty() {
         return Err(RetargetError::Empty { joints: map.len(), of_rig: rig.len(), frames: motion.n_frames() });
     }
-    let mut follows: Vec<Option<usize>> = vec![None; rig.len()];
-    for (of_rig, of_motion) in map {
-        follows[find(rig, "rig", of_rig)?] = Some(find(&source, "motion", of_motion)?);
-    }
+    let names: Vec<&str> = source.iter().map(|it| it.name.as_str()).collect();
+    let follows = followed(rig, &names, map)?;
     let (rig_rest, source_rest) = (stand(rig, None), stand(&source, None));
     let height = |joints: &[RigJoint], stands: &[Isometry3<f64>], whose| {
         let height = stands[0].translation.vector[up.index()] - lowest(joints, stands, up);
@@ -485,6 +513,12 @@ mod tests {
         let map = vec![("Tail".to_owned(), "Hips".to_owned())];
         let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y).unwrap_err().to_string();
         assert!(error.contains("`Tail`") && error.contains("LeftForeArm"), "{error}");
+        let twice = [("Head", "Hips"), ("puppet:Head", "Head")].map(|it| (it.0.to_owned(), it.1.to_owned()));
+        let mut named = rig.clone();
+        named.joints[1].name = "puppet:Head".to_owned();
+        let error = retarget(&moving(), &rig_of(&named), &twice, Axis::Y).unwrap_err();
+        let leaders = ["Hips", "Head"].map(str::to_owned);
+        assert_eq!(error, RetargetError::TwoLeaders { name: "puppet:Head".to_owned(), leaders });
         let of_rig = rig.joints.len();
         let empty = |joints: usize, frames: usize| Err(RetargetError::Empty { joints, of_rig, frames });
         assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y), empty(0, 5));

@@ -23,6 +23,11 @@ const JOINTS: [(&str, Part, Option<usize>); 10] = [
     ("RightLeg", Part::RightCalf, Some(8)),
 ];
 
+/// The joints that a body may have in files, from the hips on.
+pub(crate) fn joint_names() -> Vec<&'static str> {
+    JOINTS.iter().map(|it| it.0).collect()
+}
+
 /// The motion of a body, one unit being `1/per_m` metres, and in how many frames any joint holds a turn. `None`: not a single frame.
 pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usize)> {
     let step_s = frame_s(std::slice::from_ref(course));

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 
 use foveate::geometry::body::{Part, SHOULDER_UP, proportions::Proportions};
 use foveate::prelude::*;
-use foveate::scene::skeleton::retarget::{RetargetError, as_motion, retarget, rig_of};
+use foveate::scene::skeleton::retarget::{RetargetError, RigJoint, RigPose, as_motion, followed, retarget, rig_of};
 use foveate::scene::skeleton::{Axis, SkeletonMotion};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
@@ -115,6 +115,9 @@ impl Node for ExportRetarget {
             "" => None,
             path => Some(read_bvh(setup, "motion", path)?),
         };
+        if let Some(rig) = &rig {
+            check(rig, motion.as_ref(), &settings)?;
+        }
         Ok(Self { rig, motion, file: WholeFile::new(setup, &name), settings, course: Course::default() })
     }
 
@@ -148,14 +151,9 @@ impl Node for ExportRetarget {
             },
         };
         report.figure("retarget.frames_held", n_held as f64);
-        let joints = match rig {
-            Rig::Bvh(rig) => rig_of(rig),
-            Rig::Glb(rig) => rig.joints.clone(),
-        };
+        let joints = rig.joints();
         let map: Vec<(String, String)> = if self.settings.map.is_empty() {
-            let plain = |name: &str| name.rsplit(':').next().unwrap_or(name).to_owned();
-            let names = joints.iter().map(|it| plain(&it.name));
-            names.filter(|it| motion.joint(it).is_some()).map(|it| (it.clone(), it)).collect()
+            of_one_name(&joints, |it| motion.joint(it).is_some())
         } else {
             // What the body does not have, as an arm by itself has no legs, is left out, and said.
             let is_there = |it: &(&String, &String)| motion.joint(it.1).is_some() || !self.settings.motion.is_empty();
@@ -175,6 +173,56 @@ impl Node for ExportRetarget {
         };
         self.file.write(&bytes, report)
     }
+}
+
+impl Rig {
+    fn joints(&self) -> Vec<RigJoint> {
+        match self {
+            Rig::Bvh(rig) => rig_of(rig),
+            Rig::Glb(rig) => rig.joints.clone(),
+        }
+    }
+}
+
+/// Joints of a rig of which the motion has one of the same name.
+fn of_one_name(joints: &[RigJoint], is_there: impl Fn(&str) -> bool) -> Vec<(String, String)> {
+    let plain = |name: &str| name.rsplit(':').next().unwrap_or(name).to_owned();
+    let names = joints.iter().map(|it| plain(&it.name));
+    names.filter(|it| is_there(it)).map(|it| (it.clone(), it)).collect()
+}
+
+/// What can be said of a rig and a map before anything has moved: names that are not there, nothing that follows, channels that cannot hold a turn, and of a recording all that its retargeting finds.
+fn check(rig: &Rig, motion: Option<&SkeletonMotion>, settings: &ExportRetargetSettings) -> Result<(), ConfigError> {
+    let joints = rig.joints();
+    let names: Vec<&str> = match motion {
+        Some(motion) => motion.joints.iter().map(|it| it.name.as_str()).collect(),
+        None => bvh::joint_names(),
+    };
+    let own: Vec<(String, String)> = settings.map.iter().map(|it| (it.0.clone(), it.1.clone())).collect();
+    for pair in &own {
+        let setting = format!("map.{}", pair.0);
+        followed(&joints, &names, std::slice::from_ref(pair)).map_err(|it| ConfigError::at(&setting, it))?;
+    }
+    followed(&joints, &names, &own).map_err(|it| ConfigError::at("map", it.to_string()))?;
+    let is_there = |it: &str| names.iter().any(|name| name.rsplit(':').next() == Some(it));
+    let map = if own.is_empty() { of_one_name(&joints, is_there) } else { own };
+    if map.is_empty() {
+        let of_rig: Vec<&str> = joints.iter().map(|it| it.name.as_str()).collect();
+        let (of_rig, of_motion) = (of_rig.join(", "), names.join(", "));
+        let what = "without a map joints of one name follow each other, and no name of the rig";
+        return Err(ConfigError::at("map", format!("{what} ({of_rig}) is one of the motion ({of_motion})")));
+    }
+    if let Rig::Bvh(rig) = rig {
+        let rest = RigPose { root: joints[0].offset, turns: joints.iter().map(|it| it.rest).collect() };
+        as_motion(rig, &[rest], 0.1).map_err(|it| ConfigError::at("rig", it.to_string()))?;
+    }
+    if let Some(motion) = motion {
+        let found = retarget(motion, &joints, &map, Axis::Y);
+        found.map_err(|it| {
+            ConfigError::at(if matches!(it, RetargetError::Empty { .. }) { "motion" } else { "rig" }, it.to_string())
+        })?;
+    }
+    Ok(())
 }
 
 /// Gives a body without a torso one that stands still, where its first shoulder was at `first`.

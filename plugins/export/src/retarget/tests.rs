@@ -156,3 +156,38 @@ fn rigs_that_cannot_be_are_refused() {
     let error = ExportRetarget::new(settings, &Setup::for_tests()).err().unwrap();
     assert_eq!(error.setting.as_deref(), Some("rig"));
 }
+
+#[test]
+fn maps_that_cannot_be_are_told_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let rig = file("puppet.bvh", PUPPET);
+    let refused = |rig: &str, motion: &str, map: &[(&str, &str)]| {
+        let settings = ExportRetargetSettings {
+            rig: rig.to_owned(),
+            motion: motion.to_owned(),
+            map: map.iter().map(|it| (it.0.to_owned(), it.1.to_owned())).collect(),
+            ..ExportRetargetSettings::default()
+        };
+        let error = ExportRetarget::new(settings, &Setup::for_tests()).err()?;
+        Some((error.setting.clone().unwrap_or_default(), error.to_string()))
+    };
+    assert_eq!(refused(&rig, "", &MAP), None);
+    let (setting, what) = refused(&rig, "", &[("tail", "Hips")]).unwrap();
+    assert!(setting == "map.tail" && what.contains("fore_r"), "{setting}: {what}");
+    let (setting, what) = refused(&rig, "", &[("arm_r", "RigthArm")]).unwrap();
+    assert!(setting == "map.arm_r" && what.contains("RightForeArm"), "{setting}: {what}");
+    // No name of the puppet is one of a body's.
+    let (setting, what) = refused(&rig, "", &[]).unwrap();
+    assert!(setting == "map" && what.contains("pelvis") && what.contains("LeftUpLeg"), "{setting}: {what}");
+    // A recording has names of its own; this one has no frame.
+    assert_eq!(refused(&rig, &rig, &[("arm_r", "RightArm")]).unwrap().0, "map.arm_r");
+    assert_eq!(refused(&rig, &rig, &[("arm_r", "arm_r")]).unwrap().0, "motion");
+    let stiff = PUPPET.replacen("CHANNELS 3 Yrotation Xrotation Zrotation", "CHANNELS 2 Yrotation Xrotation", 1);
+    let (setting, what) = refused(&file("stiff.bvh", &stiff), "", &MAP).unwrap();
+    assert!(setting == "rig" && what.contains("arm_r"), "{setting}: {what}");
+}
