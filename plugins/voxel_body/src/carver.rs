@@ -79,7 +79,7 @@ pub struct CarverSettings {
 }
 
 impl Default for CarverSettings {
-    /// 20 mm, no view errs everywhere and one of four here and there, seen by all (a head has four litres), no pixel in doubt; a shadow's rims are blurred by less than 150 mm. Silhouettes that fit
+    /// 20 mm, no view errs everywhere and one of five here and there, seen by all (a head has four litres), no pixel in doubt; a shadow's rims are blurred by less than 150 mm. Silhouettes that fit
     /// each other are covered to 0.97 and more.
     fn default() -> Self {
         Self {
@@ -87,7 +87,7 @@ impl Default for CarverSettings {
             volume_m: None,
             may_err: 0,
             min_views: 0,
-            may_lose: 0.25,
+            may_lose: 0.2,
             min_component_l: None,
             min_completeness: 0.97,
             target_reach_mm: 200.0,

@@ -7,6 +7,7 @@ use foveate::messages::{Feature, Features, Image, PixelFormat, Silhouette, Silho
 use foveate::node::detector::{Outcome, PictureSize};
 use nalgebra::{Point2, Vector2};
 
+use crate::rim::trim;
 use crate::settings::SilhouetteSettings;
 
 /// The finder of one camera's silhouettes.
@@ -168,6 +169,7 @@ impl SilhouetteFinder {
         }
         finder.find_in(mask, size, &settings.limits(), &expected, blobs)?;
         keep(finder, filler, blobs, mask, size.0, settings.max_hole_px.into(), silhouette);
+        trim(&image.pixels, image.format.channels(), size.0, settings.rim_px, &mut silhouette.confidence);
         silhouette.n_body = silhouette.confidence.iter().filter(|it| **it >= Silhouette::BODY).count() as u32;
         silhouette.status = if silhouette.n_body == 0 { SilhouetteStatus::Empty } else { SilhouetteStatus::Seen };
         let scale = f64::from(part.shrink);

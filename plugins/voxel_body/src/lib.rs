@@ -11,6 +11,7 @@ pub mod carver;
 pub mod finder;
 pub mod hull;
 pub mod masks;
+mod rim;
 mod settings;
 pub mod silhouette;
 pub mod tracker;

@@ -50,6 +50,9 @@ pub struct SilhouetteSettings {
     /// Gaps between body and body that are narrower than twice this are body: seams and edges of what is behind, which a close view loses as strips across limbs; 0: none [px]
     #[schemars(range(min = 0, max = 1000))]
     pub close_px: u32,
+    /// Layers of pixels at the rim that are background if they have more of its colour than of the body's: a lens blurs rims, and silhouettes are a pixel too wide at each side without. For backgrounds without texture, which is taken for body otherwise; 0: none [px]
+    #[schemars(range(min = 0, max = 10))]
+    pub rim_px: u32,
     /// Holes in the body up to this size are body [px²]
     #[schemars(range(min = 0, max = 1000000000))]
     pub max_hole_px: u32,
@@ -84,6 +87,7 @@ impl Default for SilhouetteSettings {
             moved_fraction: 0.5,
             min_area_px: 150,
             close_px: 0,
+            rim_px: 0,
             max_hole_px: 150,
             merge_px: 4,
             max_features: 64,
@@ -111,6 +115,7 @@ impl SilhouetteSettings {
         ConfigError::unless_in("moved_fraction", self.moved_fraction, 0.0..=1.0)?;
         ConfigError::unless_in("min_area_px", self.min_area_px, 1..=1_000_000_000)?;
         ConfigError::unless_in("close_px", self.close_px, 0..=1000)?;
+        ConfigError::unless_in("rim_px", self.rim_px, 0..=10)?;
         ConfigError::unless_in("max_hole_px", self.max_hole_px, 0..=1_000_000_000)?;
         ConfigError::unless_in("merge_px", self.merge_px, 0..=10_000)?;
         ConfigError::unless_in("max_features", self.max_features, 1..=10_000)?;

@@ -21,6 +21,9 @@ pub struct Contradiction {
 
 /// Views, at least, for one of them to be found in contradiction to the others.
 const TO_CONTRADICT: usize = 4;
+/// Of fewer views than this one is left out only where so much of the others' silhouettes is covered without it: three views that show ghosts agree with few of each other's.
+const FEW: usize = 6;
+const GOOD: f64 = 0.8;
 /// Views of which one may be left out.
 const ONE_OF: usize = 3;
 /// How many times larger voxels are while views are tried.
@@ -123,7 +126,8 @@ impl Hull {
         let view = silhouette_view(&views[at]);
         let body: Vec<bool> = view.confidence.iter().map(|it| *it >= Silhouette::BODY).collect();
         let fit = fit(&body, &self.drawn, view.width as usize).filter(|it| it.left_over <= EXPLAINED);
-        if own > of_others - OWN && fit.is_none() {
+        let is_told = others.len() + 1 >= FEW || of_others >= GOOD;
+        if !is_told || (own > of_others - OWN && fit.is_none()) {
             return Ok(None);
         }
         Ok(Some((at, Contradiction { camera: views[at].silhouette.camera, fit, apart: apart(&view, &found, fit) })))
