@@ -23,13 +23,13 @@ pub(crate) fn trim(pixels: &[u8], channels: usize, width: usize, layers: u32, co
         };
         for (y, row) in confidence.chunks_exact(width.max(1)).enumerate() {
             let (Some(first), Some(last)) = (body(row.iter()), body(row.iter().rev())) else { continue };
-            for x in first..width - last {
+            for (x, value) in row.iter().enumerate().take(width - last).skip(first) {
                 let at = [x as i64, y as i64];
                 let inside = is_body(at[0], at[1] - 1)
                     && is_body(at[0], at[1] + 1)
                     && is_body(at[0] - 1, at[1])
                     && is_body(at[0] + 1, at[1]);
-                if row[x] < Silhouette::BODY || inside {
+                if *value < Silhouette::BODY || inside {
                     continue;
                 }
                 let Some([inner, outer]) = across(at, [width, height], is_body) else { continue };
