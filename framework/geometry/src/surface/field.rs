@@ -65,46 +65,6 @@ impl DistanceField {
         DistanceField { options, table: CellTable::default(), places: Vec::new(), blocks: Vec::new() }
     }
 
-    /// The field of a function that gives signed distances from a surface, positive outside [m], in the box between two corners. Distances may be rough away from the surface: blocks
-    /// whose middle is farther off than three times what their corners are apart are skipped. Ends early where [`FieldOptions::max_blocks`] is reached.
-    pub fn sampled(
-        options: FieldOptions,
-        corners: [Point3<f64>; 2],
-        distance: impl Fn(&Point3<f64>) -> Option<f64>,
-    ) -> DistanceField {
-        /// The function has no noise: so little that the stated deviation of the surface is as good as 0 [1/m²].
-        const WEIGHT: f32 = 1e20;
-        let mut field = DistanceField::new(options);
-        let FieldOptions { voxel_m, truncation, .. } = options;
-        let side = SIDE as i32;
-        let [low, high] = corners.map(|it| (it.coords / voxel_m).map(|it| (it.floor() as i32).div_euclid(side)));
-        let place = |voxel: Vector3<i32>| Point3::from(voxel.cast::<f64>() * voxel_m);
-        let near = 3.0 * (0.5 * 3_f64.sqrt() * f64::from(side) + truncation) * voxel_m;
-        let mut cursor = Cursor { block: [i32::MAX; 3], place: 0 };
-        let range = |axis: usize| low[axis]..=high[axis];
-        for block in range(0).flat_map(|x| range(1).flat_map(move |y| range(2).map(move |z| Vector3::new(x, y, z)))) {
-            let middle = place(block * side + Vector3::repeat(side / 2));
-            if distance(&middle).is_none_or(|it| it.abs() > near) {
-                continue;
-            }
-            for number in 0..side.pow(3) {
-                let within = Vector3::new(number % side, number / side % side, number / (side * side));
-                let voxel = block * side + within;
-                let Some(distance) = distance(&place(voxel)).map(|it| it / voxel_m).filter(|it| it.abs() < truncation)
-                else {
-                    continue;
-                };
-                match field.voxel_mut([voxel.x, voxel.y, voxel.z], &mut cursor) {
-                    Ok(there) => {
-                        *there = Voxel { distance: distance as f32, weight: WEIGHT, n_points: 1.0, colour: [200.0; 3] };
-                    }
-                    Err(_) => return field,
-                }
-            }
-        }
-        field
-    }
-
     /// How it was made.
     pub fn options(&self) -> &FieldOptions {
         &self.options
