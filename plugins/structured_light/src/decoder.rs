@@ -8,7 +8,7 @@ use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
-use foveate::imaging::stripes::phase::PhaseOptions;
+use foveate::imaging::stripes::phase::{PhaseOptions, Steps};
 use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase, response};
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -103,6 +103,8 @@ pub struct Decoder {
     decoded: Decoded,
     /// Part of the pixels whose phase steps are on no wave [–].
     off_wave: f64,
+    /// By axis how phase steps stand.
+    steps: [Steps; 2],
     sets: u64,
     refused: u64,
     faults: Vec<String>,
@@ -158,6 +160,7 @@ impl Node for Decoder {
             code,
             decoded: Decoded::default(),
             off_wave: 0.0,
+            steps: Default::default(),
             sets: 0,
             refused: 0,
             faults: Vec::new(),
@@ -387,6 +390,7 @@ impl Decoder {
             map.push(ProjectorSample { coordinate, sigma });
         }
         let n_told = faults.len();
+        faults.extend(Axis::BOTH.into_iter().filter_map(|axis| steps_in_words(axis, self.steps[axis.index()])));
         let least = self.settings.min_contrast;
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
         if self.off_wave > OFF_WAVE {
@@ -462,9 +466,9 @@ impl Decoder {
             return found.map_err(|fault| fault.to_string());
         }
         let found = phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() });
-        let (found, off_wave) = found.map_err(|fault| fault.to_string())?;
-        self.off_wave = off_wave;
-        Ok(found)
+        let found = found.map_err(|fault| fault.to_string())?;
+        (self.off_wave, self.steps) = (found.off_wave, found.steps);
+        Ok(found.coordinates)
     }
 }
 
@@ -494,6 +498,25 @@ fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine) -> 
         })
     };
     Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
+}
+
+/// What is said of phase steps that do not stand as stated.
+fn steps_in_words(axis: Axis, steps: Steps) -> Option<String> {
+    let axis = axis.in_words();
+    match steps {
+        Steps::AsStated => None,
+        Steps::Otherwise { is_reversed, ahead } => {
+            let way = if is_reversed { "run the other way" } else { "run as expected" };
+            Some(format!(
+                "the phase steps of the {axis} {way} and begin {:.2} of a period elsewhere, expected step k of n ahead by k / n of a period, or two of them are exchanged: coordinates allow for it, by the Gray code \
+                 below them",
+                ahead.rem_euclid(1.0)
+            ))
+        }
+        Steps::NoWay => Some(format!(
+            "the phase steps of the {axis} and its Gray code agree in no way, whichever way steps run and wherever they begin: the {axis} are left out. Do the steps stand in their order, and is `period_px` that of the pictures?"
+        )),
+    }
 }
 
 /// What is said of a set, with its name before it unless it names the set's pictures or files anyway.

@@ -36,6 +36,7 @@ mod procam_tests;
 pub mod projector;
 pub mod surface;
 pub mod triangulator;
+mod unfit;
 
 pub use pattern::PatternSettings;
 

@@ -273,6 +273,11 @@ fn look(
             found.take(explained, &all.skipped);
             return (found, lit);
         }
+        if let Some(slip) = layouts.one_slip() {
+            found.faults.push(count(None, true));
+            found.take(slip, &all.skipped);
+            return (found, lit);
+        }
         if let Some(part) = layouts.part(&signs) {
             found.faults.push(count(None, true));
             found.take(part, &all.skipped);
@@ -354,7 +359,16 @@ fn look(
     let all = set(&many);
     let n = pictures.len();
     let signs = all.signs();
-    if let Some(other) = Layouts::of(&set(&lit)).whole(&signs) {
+    let few = set(&lit);
+    let layouts = Layouts::of(&few);
+    let is_beyond = |it: &SetFault| matches!(it, SetFault::OutOfRange { .. });
+    if !faults.iter().any(is_beyond)
+        && let Some(slip) = layouts.one_slip()
+    {
+        found.take(slip, &all.skipped);
+        return (found, lit);
+    }
+    if let Some(other) = layouts.whole(&signs) {
         found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
         return (found, lit);
     }
@@ -362,7 +376,6 @@ fn look(
         found.faults.push(SetFault::OtherSize { bits, found: n });
         return (found, lit);
     }
-    let is_beyond = |it: &SetFault| matches!(it, SetFault::OutOfRange { .. });
     if faults.iter().all(is_beyond)
         && let Some(other) = code.with_other_centre()
         && (Set { code: &other, ..set(&lit) }).broken_rules().is_empty()

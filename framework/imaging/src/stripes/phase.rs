@@ -46,13 +46,49 @@ const MOST: usize = 200_000;
 const UNEVEN: f64 = 0.01;
 /// … and so many times above that of other multiples of φ, which no curve moves: where few periods are seen, phases are not evenly spread.
 const CLEARLY: f64 = 3.0;
+/// The mean of phases about the middles of their stripes is 0.64 long, and near 0 where steps stand in no way that stripes agree on.
+const AGREEING: f64 = 0.45;
+/// Where the first step stands is found to within this part of a period [–].
+const NEAR_USUAL: f64 = 0.035;
+/// Places on both sides of the end of a stripe are nearer than so many stripes, in the median: of steps that run the other way two apart [–].
+const NO_JUMP: f64 = 1.0;
+/// Ends of stripes that are looked at, at most, and at least where something else than what is stated shall be believed.
+const ENDS: usize = 20_000;
+const LEAST_ENDS: usize = 200;
 /// J₁ rises until here [rad].
 const TOP_OF_J1: f64 = 1.8;
 /// Times the place of a pixel is put right by the wave's own error there.
 const ROUNDS: usize = 8;
 
-/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says; and the part of the pixels whose steps are as strong as they should be but
-/// not on one wave [–].
+/// How the steps of an axis stand to its Gray code.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Steps {
+    /// As [`Shown::Phase`] says.
+    #[default]
+    AsStated,
+    /// Otherwise, which all stripes agree on: coordinates are right all the same.
+    Otherwise {
+        /// Whether each step is behind the one before rather than ahead.
+        is_reversed: bool,
+        /// By so much of a period the first one is ahead [–].
+        ahead: f64,
+    },
+    /// Stripes do not agree on any way: there are no coordinates.
+    NoWay,
+}
+
+/// What phases tell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Phases {
+    /// The projector coordinate of each camera pixel.
+    pub coordinates: Coordinates,
+    /// By axis.
+    pub steps: [Steps; 2],
+    /// Part of the pixels whose steps are as strong as they should be but not on one wave [–].
+    pub off_wave: f64,
+}
+
+/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says.
 ///
 /// # Errors
 /// A code without phase steps, or a set of pictures that is not as `code` says.
@@ -61,12 +97,13 @@ pub fn coordinates(
     pictures: &[ImageView<'_>],
     decoded: &Decoded,
     options: &PhaseOptions,
-) -> Result<(Coordinates, f64), ImagingError> {
+) -> Result<Phases, ImagingError> {
     code.check()?;
     same_size(code, pictures)?;
     ImagingError::unless(code.steps > 0, "steps", "3 to 32", 0.0)?;
     let n = decoded.size[0] * decoded.size[1];
     let mut found = Coordinates { size: decoded.size, ..Coordinates::default() };
+    let mut ways = [Steps::AsStated; 2];
     let (mut strong, mut off) = (0_usize, 0_usize);
     for axis in Axis::BOTH {
         let stripes = &decoded.stripes[axis.index()];
@@ -75,7 +112,8 @@ pub fn coordinates(
         }
         let place = |step: u32| code.place(Shown::Phase { axis, step }).map(|it| pictures[it].pixels());
         let steps: Vec<&[u8]> = (0..code.steps).filter_map(place).collect();
-        let wave = Wave::new(code, axis, options).seen(&steps, stripes);
+        let wave = Wave::new(code, axis, options).seen(&steps, stripes, decoded.size[0]);
+        ways[axis.index()] = wave.steps;
         let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
         for (at, stripe) in stripes.iter().enumerate().filter(|it| *it.1 != NONE) {
             let Some(sine) = wave.sine(&steps, at) else { continue };
@@ -84,13 +122,16 @@ pub fn coordinates(
                 off += 1;
                 continue;
             }
+            if wave.steps == Steps::NoWay {
+                continue;
+            }
             if let Some((value, sigma)) = wave.place(&sine, *stripe) {
                 (values[at], sigmas[at]) = (value as f32, sigma as f32);
             }
         }
         (found.values[axis.index()], found.sigmas[axis.index()]) = (values, sigmas);
     }
-    Ok((found, off as f64 / strong.max(1) as f64))
+    Ok(Phases { coordinates: found, steps: ways, off_wave: off as f64 / strong.max(1) as f64 })
 }
 
 /// What the steps of a pixel have of the wave: A + B cos(φ − 2π k / n).
@@ -114,6 +155,7 @@ struct Wave<'a> {
     harmonics: Vec<f64>,
     /// Phases are off by this times sin(n φ) [rad].
     error: f64,
+    steps: Steps,
 }
 
 impl<'a> Wave<'a> {
@@ -129,11 +171,12 @@ impl<'a> Wave<'a> {
             offset: f64::from(offset),
             harmonics: Vec::new(),
             error: 0.0,
+            steps: Steps::AsStated,
         }
     }
 
     /// With what the pixels themselves tell of its form.
-    fn seen(mut self, steps: &[&[u8]], stripes: &[u16]) -> Wave<'a> {
+    fn seen(mut self, steps: &[&[u8]], stripes: &[u16], width: usize) -> Wave<'a> {
         let known: Vec<usize> = (0..stripes.len()).filter(|it| stripes[*it] != NONE).collect();
         let some: Vec<(usize, Sine)> = known
             .iter()
@@ -156,8 +199,10 @@ impl<'a> Wave<'a> {
             }
             self.harmonics.push(product / square.max(1e-9));
         }
+        let is_on = |it: &&(usize, Sine)| self.is_on_it(&it.1, steps, it.0);
+        let on_it: Vec<(u16, f64)> = some.iter().filter(is_on).map(|it| (stripes[it.0], it.1.phase())).collect();
         // Phases of pixels that are on the wave, as often as each other.
-        let on: Vec<f64> = some.iter().filter(|it| self.is_on_it(&it.1, steps, it.0)).map(|it| it.1.phase()).collect();
+        let on: Vec<f64> = on_it.iter().map(|it| it.1).collect();
         let mean = |order: usize| {
             let [cosine, sine] = on.iter().fold([0.0; 2], |sum, phase| {
                 let (s, c) = (order as f64 * phase).sin_cos();
@@ -171,7 +216,75 @@ impl<'a> Wave<'a> {
         if on.len() >= LEAST && cosine.abs() > UNEVEN.max(CLEARLY * by_chance) {
             self.error = inverse_j1(cosine) / n as f64;
         }
+        if on.len() >= LEAST {
+            let pixel = |at: usize| Some((*stripes.get(at)?, self.sine(steps, at)?.phase()));
+            let is_end = |a: usize, b: usize| {
+                stripes.get(b).is_some_and(|it| *it != NONE && stripes[a] != NONE && stripes[a].abs_diff(*it) == 1)
+            };
+            let all = known.iter().flat_map(|at| [1, width].map(|by| (*at, at + by))).filter(|it| is_end(it.0, it.1));
+            let all: Vec<(usize, usize)> = all.collect();
+            let some = all.iter().step_by(all.len().div_ceil(ENDS).max(1));
+            let ends: Vec<_> = some.filter_map(|(a, b)| Some([pixel(*a)?, pixel(*b)?])).collect();
+            self.steps = self.steps_by(&on_it, &ends);
+        }
         self
+    }
+
+    /// How phases stand to the middles of their stripes: these are half a period wide, so that phases are all within a quarter of a period around them, and the mean of both as unit vectors is
+    /// 2 / π long, whichever way steps run. Of the two ways, the right one goes on where one stripe ends and the next begins; the other one jumps there by a period.
+    fn steps_by(&self, seen: &[(u16, f64)], ends: &[[(u16, f64); 2]]) -> Steps {
+        let ways = [false, true].map(|is_reversed| {
+            let sign = if is_reversed { -1.0 } else { 1.0 };
+            let [cosine, sine] = seen.iter().fold([0.0; 2], |sum, (stripe, phase)| {
+                let middle = self.middle(*stripe) / self.period * std::f64::consts::TAU;
+                let (s, c) = (middle - sign * self.right(*phase)).sin_cos();
+                [sum[0] + c, sum[1] + s]
+            });
+            let length = cosine.hypot(sine) / seen.len() as f64;
+            let ahead = sine.atan2(cosine) / std::f64::consts::TAU;
+            // Waves begin where a cosine, a sine or one of the steps does.
+            let usual = [4.0, self.turns.len() as f64].map(|it| (ahead * it).round() / it);
+            let nearest = if (usual[0] - ahead).abs() <= (usual[1] - ahead).abs() { usual[0] } else { usual[1] };
+            let way = match !is_reversed && nearest.rem_euclid(1.0) == 0.0 {
+                true => Steps::AsStated,
+                false => Steps::Otherwise { is_reversed, ahead: nearest },
+            };
+            // What is stated is believed of few periods too, over which phases are not evenly spread.
+            let is_known = match way {
+                Steps::AsStated => true,
+                _ => length >= AGREEING && (nearest - ahead).abs() <= NEAR_USUAL && ends.len() >= LEAST_ENDS,
+            };
+            let mut jumps: Vec<f64> =
+                ends.iter().map(|it| (self.at(way, it[0]) - self.at(way, it[1])).abs() / self.half).collect();
+            jumps.sort_by(f64::total_cmp);
+            let jump = jumps.get(jumps.len() / 2).copied().unwrap_or(0.0);
+            if is_known && jump < NO_JUMP { way } else { Steps::NoWay }
+        });
+        ways.into_iter().find(|it| *it != Steps::NoWay).unwrap_or(Steps::NoWay)
+    }
+
+    /// Where a pixel of a stripe and a phase is, from the code's beginning [px].
+    fn at(&self, way: Steps, (stripe, phase): (u16, f64)) -> f64 {
+        let phase = self.right(phase) / std::f64::consts::TAU;
+        let turns = match way {
+            Steps::Otherwise { is_reversed: true, ahead } => ahead - phase,
+            Steps::Otherwise { is_reversed: false, ahead } => ahead + phase,
+            Steps::AsStated | Steps::NoWay => phase,
+        };
+        let part = turns * self.period;
+        part + ((self.middle(stripe) - part) / self.period).round() * self.period
+    }
+
+    /// Where the middle of a stripe is, from the code's beginning [px].
+    fn middle(&self, stripe: u16) -> f64 {
+        (f64::from(stripe) + self.first + 0.5) * self.half
+    }
+
+    /// A phase as it would be without what the wave's form does to it.
+    fn right(&self, seen: f64) -> f64 {
+        let n = self.turns.len() as f64;
+        let rounds = if self.error == 0.0 { 0 } else { ROUNDS };
+        (0..rounds).fold(seen, |it, _| seen + self.error * (n * it).sin())
     }
 
     /// What the steps of pixel `at` have of the wave; `None` where one is saturated, or the wave is too weak.
@@ -204,12 +317,8 @@ impl<'a> Wave<'a> {
     /// Coordinate and standard deviation of a pixel.
     fn place(&self, sine: &Sine, stripe: u16) -> Option<(f64, f64)> {
         let n = self.turns.len() as f64;
-        let seen = sine.phase();
-        let right = |phase: f64| seen + self.error * (n * phase).sin();
-        let phase = if self.error == 0.0 { seen } else { (0..ROUNDS).fold(seen, |it, _| right(it)) };
-        let part = phase / std::f64::consts::TAU * self.period;
-        let middle = (f64::from(stripe) + self.first + 0.5) * self.half;
-        let place = part + ((middle - part) / self.period).round() * self.period;
+        let place = self.at(self.steps, (stripe, sine.phase()));
+        let middle = self.middle(stripe);
         let sigma = self.period / std::f64::consts::TAU * self.options.noise * (2.0 / n).sqrt() / sine.amplitude;
         ((place - middle).abs() <= AGREED * self.half).then_some((place - 0.5 - self.offset, sigma))
     }
@@ -268,7 +377,7 @@ mod tests {
         spoil(&mut pictures);
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
         let decoded = decode(code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-        let (found, _) = coordinates(code, &views, &decoded, &PhaseOptions::default()).unwrap();
+        let found = coordinates(code, &views, &decoded, &PhaseOptions::default()).unwrap().coordinates;
         let errors: Vec<f64> = (0..19_200)
             .filter(|at| found.values[0][*at].is_finite() && !(84..93).contains(&(at % 160)))
             .map(|at| {
@@ -302,6 +411,28 @@ mod tests {
                 assert!(share > 0.85 && rms < 0.2, "{steps} steps, power {power}: {share} {rms} {worst}");
             }
         }
+    }
+
+    #[test]
+    fn steps_of_other_programs_are_told_by_the_stripes_below_them() {
+        let code = StripeCode::phase([160, 120], 4, 16);
+        let step = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
+        let reorder = |order: [u32; 4]| {
+            move |pictures: &mut Vec<Vec<u8>>| {
+                let all = pictures.clone();
+                for (to, from) in order.into_iter().enumerate() {
+                    pictures[step(to as u32)].clone_from(&all[step(from)]);
+                }
+            }
+        };
+        // Backwards, a quarter of a period later, both, two exchanged.
+        for order in [[0, 3, 2, 1], [1, 2, 3, 0], [3, 2, 1, 0], [2, 1, 0, 3]] {
+            let [share, rms, worst] = judge(&wall(3), &code, reorder(order));
+            assert!(share > 0.9 && rms < 0.16 && worst < 0.5, "{order:?}: {share} {rms} {worst}");
+        }
+        // In no order that a wave has.
+        let [share, ..] = judge(&wall(3), &code, reorder([0, 2, 1, 3]));
+        assert!(share < 0.1, "{share}");
     }
 
     #[test]

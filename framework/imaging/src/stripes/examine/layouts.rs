@@ -83,6 +83,22 @@ impl<'a> Layouts<'a> {
 
     /// Whether all that a code promises holds, and enough of it can be seen.
     fn holds(&self, code: &StripeCode, roles: &[Shown], places: &Places) -> bool {
+        self.is_sound(code, roles, places, |set| {
+            Axis::BOTH.into_iter().filter(|it| code.has(*it)).all(|axis| {
+                let can_be = code.bits[axis.index()].saturating_sub(1);
+                set.n_told(axis) as f64 >= TOLD * f64::from(can_be)
+            })
+        })
+    }
+
+    /// Whether nothing that a code promises is broken, and what else is asked.
+    fn is_sound(
+        &self,
+        code: &StripeCode,
+        roles: &[Shown],
+        places: &Places,
+        and: impl FnOnce(&Set<'_>) -> bool,
+    ) -> bool {
         if !self.may_be(roles, places) || self.mixes_bits(roles, places) {
             return false;
         }
@@ -91,13 +107,7 @@ impl<'a> Layouts<'a> {
         let is_missing = |it: &usize| places[*it].is_none_or(|it| !self.is_there(it));
         let skipped = (0..roles.len()).filter(is_missing).collect();
         let set = Set { code, pictures: &views, shown: roles, skipped, ..*self.set };
-        if !set.broken_rules().is_empty() {
-            return false;
-        }
-        Axis::BOTH.into_iter().filter(|it| code.has(*it)).all(|axis| {
-            let can_be = code.bits[axis.index()].saturating_sub(1);
-            set.n_told(axis) as f64 >= TOLD * f64::from(can_be)
-        })
+        set.broken_rules().is_empty() && and(&set)
     }
 
     /// One or two pictures that lack, where nothing else is wrong.
@@ -138,6 +148,56 @@ impl<'a> Layouts<'a> {
         let fault = SetFault::MissingBits { axis, planes: lost.iter().map(|it| it.1).collect(), pictures: all - n };
         let is_one_axis = lost.iter().all(|it| it.0 == axis);
         is_one_axis.then(|| Explained { faults: vec![fault], places, unsure: lost })
+    }
+
+    /// Two pictures in each other's places, or one too many, where nothing else is wrong.
+    pub(super) fn one_slip(&self) -> Option<Explained> {
+        let code = self.set.code;
+        let roles = code.pictures();
+        let (n, all) = (self.set.pictures.len(), roles.len());
+        let natural: Places = (0..all).map(Some).collect();
+        let mut holding: Vec<(Vec<usize>, Places)> = Vec::new();
+        if n == all {
+            for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
+                let mut places = natural.clone();
+                places.swap(a, b);
+                if self.is_sound(code, &roles, &places, |_| true) {
+                    holding.push((vec![a, b], places));
+                }
+            }
+        } else if n == all + 1 {
+            for extra in 0..n {
+                let places = (0..n).filter(|it| *it != extra).map(Some).collect();
+                if self.is_sound(code, &roles, &places, |_| true) {
+                    holding.push((vec![extra], places));
+                }
+            }
+        }
+        // Of pictures that are there twice, the later one is too many.
+        let together = |it: &[(Vec<usize>, Places)]| it.windows(2).all(|it| it[1].0[0] == it[0].0[0] + 1);
+        if holding.is_empty() || holding.len() > 1 && (n == all || !together(&holding) || holding.len() > 2) {
+            return None;
+        }
+        let is_twice = holding.len() == 2;
+        let (which, places) = holding.pop()?;
+        let shown = |at: usize| places.iter().position(|it| *it == Some(at)).map(|it| roles[it]);
+        let fault = match (which[..].try_into() as Result<[usize; 2], _>).ok() {
+            None => SetFault::Extra {
+                picture: which[0],
+                shown: which[0].checked_sub(1).and_then(shown).filter(|_| is_twice),
+            },
+            Some([a, b]) => match (roles[a], roles[b]) {
+                (Shown::White, Shown::Black) => SetFault::WhiteIsBlack { white: a, black: b },
+                (Shown::Black, Shown::White) => SetFault::WhiteIsBlack { white: b, black: a },
+                (of_a, of_b) => match (bit_of(&of_a), bit_of(&of_b)) {
+                    (Some((axis, plane)), other) if other == Some((axis, plane)) => {
+                        SetFault::Inverted { axis, planes: vec![plane], all: false, mended: true }
+                    }
+                    _ => SetFault::Exchanged { pictures: [a, b], expected: [of_a, of_b], mended: true },
+                },
+            },
+        };
+        Some(Explained { faults: vec![fault], places, unsure: Vec::new() })
     }
 
     /// A set in its order of which whole groups lack: the stripes of an axis, white, black.
@@ -241,4 +301,90 @@ fn other_settings(code: &StripeCode) -> Vec<StripeCode> {
         it != code && !is_flipped && it.check().is_ok()
     };
     all.filter(is_other).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::scene::{Scene, wall, wall_code, wall_set};
+    use super::super::tests::examined;
+    use super::*;
+
+    #[test]
+    fn both_pictures_of_a_bit_that_are_missing_are_named_and_no_other() {
+        for (axis, first, n) in [(Axis::Columns, 0, 8), (Axis::Rows, 16, 7)] {
+            for plane in 0..n {
+                let mut pictures = wall_set(1);
+                pictures.drain(first + 2 * plane..first + 2 * plane + 2);
+                let found = examined(&wall_code(), &pictures);
+                // Bits that are one value all over the wall are told from no other one, nor is the coarsest from the finest.
+                let bits: Vec<u32> = match &found.faults[1..] {
+                    [SetFault::MissingBits { axis: of, planes, pictures: 2 }] if *of == axis => planes.clone(),
+                    [SetFault::Missing { shown: a, .. }, SetFault::Missing { shown: b, .. }]
+                        if a.axis() == Some(axis) && bit_of(a) == bit_of(b) =>
+                    {
+                        bit_of(a).into_iter().map(|it| it.1).collect()
+                    }
+                    other => panic!("bit {plane} of the {axis:?}: {other:?}"),
+                };
+                assert!(bits.contains(&(plane as u32)), "bit {plane} of the {axis:?}: {bits:?}");
+                let other = Axis::BOTH[1 - axis.index()];
+                assert_eq!(found.usable(&wall_code()), [other], "bit {plane} of the {axis:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn slips_where_a_part_of_an_axis_is_seen_accuse_no_good_picture() {
+        // The second coarsest bit of the rows changes in a small part of the picture.
+        let code = StripeCode::gray([160, 128]);
+        let part = Scene { projector: |x, y| [20.0 + 0.61 * x, 30.0 + 0.8 * y], ..wall(4) };
+        let pictures = part.pictures(&code);
+        let usable = |pictures: &[Vec<u8>]| {
+            let found = examined(&code, pictures);
+            (found.faults.clone(), found.usable(&code))
+        };
+        assert_eq!(usable(&pictures), (vec![], Axis::BOTH.to_vec()));
+        let n = pictures.len();
+        for (a, b) in [(4, 5), (8, 9), (5, 24), (n - 2, n - 1)] {
+            let mut changed = pictures.clone();
+            changed.swap(a, b);
+            let (faults, usable) = usable(&changed);
+            assert_eq!((faults.len(), usable), (1, Axis::BOTH.to_vec()), "{a} and {b}: {faults:?}");
+        }
+        for twice in [3, 9, 25] {
+            let mut changed = pictures.clone();
+            changed.insert(twice, pictures[twice].clone());
+            let (faults, usable) = usable(&changed);
+            let is_it = matches!(faults[1], SetFault::Extra { picture, shown: Some(_) } if picture == twice + 1);
+            assert!(faults.len() == 2 && is_it && usable == Axis::BOTH, "{twice}: {faults:?}");
+        }
+    }
+
+    #[test]
+    fn whole_sets_of_other_settings_are_told_these() {
+        let groups = |words: &str| Group::order(words).unwrap();
+        for (order, inverse, fine_first) in [
+            ("rows columns white black", Inverse::After, false),
+            ("columns rows white black", Inverse::After, true),
+            ("columns rows white black", Inverse::None, false),
+            ("white black rows columns", Inverse::Before, true),
+            ("rows black white", Inverse::None, true),
+            ("black columns white", Inverse::Apart, false),
+        ] {
+            let other = StripeCode { order: groups(order), inverse, fine_first, ..wall_code() };
+            let pictures: Vec<Vec<u8>> =
+                other.pictures().iter().map(|it| wall_set(2)[wall_code().place(*it).unwrap()].clone()).collect();
+            let found = examined(&wall_code(), &pictures);
+            let [SetFault::OtherOrder { code }] = &found.faults[..] else { panic!("{order}: {:?}", found.faults) };
+            assert_eq!(code.order_in_words(), other.order_in_words());
+            assert_eq!(examined(code, &pictures).faults, []);
+            // Pictures in no order fit no settings.
+            let mut spoilt = pictures.clone();
+            spoilt.swap(2, 8);
+            spoilt.swap(1, 6);
+            spoilt.swap(3, 7);
+            let said = examined(&wall_code(), &spoilt).faults;
+            assert!(!said.iter().any(|it| matches!(it, SetFault::OtherOrder { .. })), "{order}: {said:?}");
+        }
+    }
 }

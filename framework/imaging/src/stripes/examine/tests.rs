@@ -1,13 +1,12 @@
 //! What `examine` promises, tried.
 
 use super::super::code::{Group, Inverse};
-use super::super::identify::bit_of;
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
 const MIN_CONTRAST: u8 = 12;
 
-fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
+pub(super) fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
     examine(code, &views, &[], MIN_CONTRAST)
 }
@@ -230,58 +229,6 @@ fn pictures_in_each_others_places_are_named_and_taken_for_each_other() {
         let prepared = found.prepared(&wall_code(), &views);
         assert_eq!(prepared.worked_out, [], "{exchanged:?}");
         assert!(prepared.pictures.iter().zip(wall_set(1)).all(|(a, b)| a[..] == b[..]), "{exchanged:?}");
-    }
-}
-
-#[test]
-fn both_pictures_of_a_bit_that_are_missing_are_named_and_no_other() {
-    for (axis, first, n) in [(Axis::Columns, 0, 8), (Axis::Rows, 16, 7)] {
-        for plane in 0..n {
-            let mut pictures = wall_set(1);
-            pictures.drain(first + 2 * plane..first + 2 * plane + 2);
-            let found = examined(&wall_code(), &pictures);
-            // Bits that are one value all over the wall are told from no other one, nor is the coarsest from the finest.
-            let bits: Vec<u32> = match &found.faults[1..] {
-                [SetFault::MissingBits { axis: of, planes, pictures: 2 }] if *of == axis => planes.clone(),
-                [SetFault::Missing { shown: a, .. }, SetFault::Missing { shown: b, .. }]
-                    if a.axis() == Some(axis) && bit_of(a) == bit_of(b) =>
-                {
-                    bit_of(a).into_iter().map(|it| it.1).collect()
-                }
-                other => panic!("bit {plane} of the {axis:?}: {other:?}"),
-            };
-            assert!(bits.contains(&(plane as u32)), "bit {plane} of the {axis:?}: {bits:?}");
-            let other = Axis::BOTH[1 - axis.index()];
-            assert_eq!(found.usable(&wall_code()), [other], "bit {plane} of the {axis:?}");
-        }
-    }
-}
-
-#[test]
-fn whole_sets_of_other_settings_are_told_these() {
-    let groups = |words: &str| Group::order(words).unwrap();
-    for (order, inverse, fine_first) in [
-        ("rows columns white black", Inverse::After, false),
-        ("columns rows white black", Inverse::After, true),
-        ("columns rows white black", Inverse::None, false),
-        ("white black rows columns", Inverse::Before, true),
-        ("rows black white", Inverse::None, true),
-        ("black columns white", Inverse::Apart, false),
-    ] {
-        let other = StripeCode { order: groups(order), inverse, fine_first, ..wall_code() };
-        let pictures: Vec<Vec<u8>> =
-            other.pictures().iter().map(|it| wall_set(2)[wall_code().place(*it).unwrap()].clone()).collect();
-        let found = examined(&wall_code(), &pictures);
-        let [SetFault::OtherOrder { code }] = &found.faults[..] else { panic!("{order}: {:?}", found.faults) };
-        assert_eq!(code.order_in_words(), other.order_in_words());
-        assert_eq!(examined(code, &pictures).faults, []);
-        // Pictures in no order fit no settings.
-        let mut spoilt = pictures.clone();
-        spoilt.swap(2, 8);
-        spoilt.swap(1, 6);
-        spoilt.swap(3, 7);
-        let said = examined(&wall_code(), &spoilt).faults;
-        assert!(!said.iter().any(|it| matches!(it, SetFault::OtherOrder { .. })), "{order}: {said:?}");
     }
 }
 
