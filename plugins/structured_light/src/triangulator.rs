@@ -199,14 +199,17 @@ impl Node for Triangulator {
             let now = [self.misfits, self.unmet, self.vague, self.alone];
             let [misfits, unmet, vague, alone] = [0, 1, 2, 3].map(|it| now[it] - before[it]);
             let points = cloud.len() as u64;
-            if vague > points && vague > misfits + unmet {
+            // Sets of pictures have names, maps of what moves do not: of these many come, and each may lack much.
+            let is_set = !map.value.name.is_empty();
+            let lost = if is_set { misfits + unmet } else { misfits };
+            if is_set && vague > points && vague > misfits + unmet {
                 self.points -= points;
                 let fault = too_vague(&map.value, vague, points);
                 self.refused.get_or_insert_with(|| fault.clone());
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
-            if misfits as f64 > TOLD_MISFITS * (misfits + points) as f64 && misfits <= points {
+            if is_set && misfits as f64 > TOLD_MISFITS * (misfits + points) as f64 && misfits <= points {
                 self.remarks.push(format!(
                     "{}: at {:.0} % of the pixels column and row of the projector do not belong to one point, and these are left out, expected few: lenses or places of camera or projector are not calibrated as they are, or \
                      something moved; other points may be off by as much",
@@ -214,7 +217,7 @@ impl Node for Triangulator {
                     100.0 * misfits as f64 / (misfits + points) as f64
                 ));
             }
-            if misfits + unmet > points {
+            if lost > points {
                 self.points -= points;
                 let limit = self.settings.max_misfit_px;
                 let change = likely_change(&self.camera, &self.projector, &map.value, limit);
@@ -223,8 +226,7 @@ impl Node for Triangulator {
                 io.gap(&CLOUD, map.time(), fault);
                 continue;
             }
-            // Sets of pictures have names, maps of what moves do not.
-            if points == 0 && !map.value.name.is_empty() {
+            if points == 0 && is_set {
                 let fault = format!(
                     "{}: no point: {} pixels have a projector coordinate, expected most of what the projector lights; depths of {vague} would be vaguer than `max_sigma`, {alone} are without neighbours on \
                      the same surface",
@@ -266,7 +268,7 @@ impl Triangulator {
             (found != expected).then(|| format!("{whose} {a} x {b} px, expected {c} x {d} px as in the calibration"))
         };
         let of_size = sizes.into_iter().zip(whose).find_map(fault);
-        of_size.or_else(|| other_axis(&self.camera, &self.projector, map))
+        of_size.or_else(|| if map.name.is_empty() { None } else { other_axis(&self.camera, &self.projector, map) })
     }
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
