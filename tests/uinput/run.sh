@@ -29,7 +29,9 @@ image=$(find "$kernel/boot" -name 'vmlinuz-*' | sort | tail -n 1)
 [ -n "$image" ] || skip "a kernel in $kernel/boot"
 
 echo "== building"
-tests=$(cargo test -q --locked -p foveate-laser-pointer --lib --no-run --message-format=json | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
+# (The program beside it, so that libraries are those of the whole workspace.)
+tests=$(cargo test -q --locked -p foveate-laser-pointer -p foveate-cli --lib --no-run --message-format=json \
+  | sed -n 's/.*"executable":"\([^"]*foveate_laser_pointer[^"]*\)".*/\1/p' | tail -n 1)
 
 echo "== making the machine"
 root=$work/root

@@ -34,7 +34,7 @@ image=$(find "$kernel/boot" -name 'vmlinuz-*' | sort | tail -n 1)
 
 echo "== building"
 cargo build -q --locked -p foveate-cli --features hardware
-cargo build -q --locked -p foveate-capture --features hardware --example press_control
+cargo build -q --locked -p foveate-capture -p foveate-cli --features hardware --example press_control
 target=${CARGO_TARGET_DIR:-target}/debug
 
 echo "== making the machine"
