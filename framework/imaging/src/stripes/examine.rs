@@ -145,10 +145,14 @@ const SAMPLES: usize = 40_000;
 const MANY_SAMPLES: usize = 160_000;
 /// Pixels are neighbours over so many: between stripes that are out of focus lie some that are neither lit nor dark [px].
 const REACH: usize = 3;
+/// Over more than one pixel, changes say something of a bit where fewer than this part of them disagree [–].
+const FAR: f64 = 0.1;
 /// Changes of a bit that say something.
 const MIN_CHANGES: usize = 30;
 /// A rule is broken in more than this part of the pixels [–].
 const BROKEN: f64 = 0.3;
+/// A picture is all bright (dark) that is not in less than this part of the pixels: of a wave it is 0.6 [–].
+const NO_WAVE: f64 = 0.25;
 /// A gray level that is saturated.
 const SATURATED: u8 = 254;
 /// What noise takes off the darkest of many saturated pictures [gray levels].
@@ -314,7 +318,13 @@ fn look(
         let used = &it.pictures[it.kept];
         let ends = [used[0], used[used.len() - 1]];
         let between = it.pictures.windows(2).map(|it| (it[0][it[0].len() - 1], it[1][0]));
-        found.faults.extend(between.map(|(last, first)| SetFault::Moved { last, first, used: ends }));
+        let between = between.zip(&it.light);
+        found.faults.extend(between.map(|((last, first), light)| SetFault::Moved {
+            last,
+            first,
+            used: ends,
+            light: *light,
+        }));
         skipped.extend((0..pictures.len()).filter(|it| !used.contains(it) && !absent.contains(it)));
         found.places.iter_mut().for_each(|it| *it = it.filter(|it| used.contains(it)));
         let wild = Wild::of(code, used);

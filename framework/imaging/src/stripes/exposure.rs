@@ -3,6 +3,9 @@
 //! Whatever a bit shows, its picture and the inverse together are as bright as white and black together. With pictures that are a and b times as bright as they should be,
 //! bit / a + inverse / b = white + black in every pixel, whichever of the two it is bright in: with hundreds of pixels of both kinds a and b follow by least squares, in blurred stripes too. Pixels that do not fit are left
 //! out step by step; pairs that do not fit on the whole, such as those with a wrong picture, say nothing.
+//!
+//! Phase steps: over many periods each is as bright as the others on the whole, which tells their exposures nearly; where there are four and more, what is left between them and the waves of the pixels tells them
+//! exactly.
 
 use super::code::{Axis, Inverse, Shown, StripeCode};
 use crate::ImageView;
@@ -25,9 +28,117 @@ const OFF_TOO: f64 = 0.01;
 const RANGE: std::ops::RangeInclusive<f64> = 0.15..=6.0;
 /// A gray level that may be cut off.
 const SATURATED: f64 = 250.0;
+/// Phase steps are evened out that are off by more than this [–] …
+const STEP_OFF: f64 = 0.015;
+/// … and by so many standard deviations, by how far parts of the picture, so many, disagree.
+const STEP_SIGMAS: f64 = 5.0;
+const PARTS: usize = 8;
+/// A wave of a pixel is at least so high [gray levels] …
+const LEAST_WAVE: f64 = 6.0;
+/// … and its steps are off it by this part of its height at most [–].
+const ON_WAVE: f64 = 0.3;
+/// What waves tell of an exposure and what brightness on the whole tells differ by no more, where it is one [–].
+const SAME: f64 = 0.06;
+/// Rounds in which waves and exposures are found by turns: of four steps each leaves three quarters of what is wrong, of more less.
+const ROUNDS: usize = 40;
 
 /// Pictures that are brighter or darker than most, each with how many times; `places` says which picture is what, and `lit` are pixels with their darkest and brightest levels.
 pub(super) fn uneven(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<(usize, f64)> {
+    let mut off = uneven_pairs(code, pictures, places, lit);
+    off.extend(Axis::BOTH.into_iter().flat_map(|axis| uneven_steps(code, axis, pictures, places, lit)));
+    off.sort_by_key(|it| it.0);
+    off
+}
+
+/// Phase steps of an axis of another exposure than the others.
+fn uneven_steps(
+    code: &StripeCode,
+    axis: Axis,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<(usize, f64)> {
+    let place = |step| code.place(Shown::Phase { axis, step }).and_then(|it| places[it]);
+    let steps: Vec<usize> = (0..code.steps).filter_map(place).collect();
+    if code.steps < 3 || steps.len() != code.steps as usize {
+        return Vec::new();
+    }
+    let some = lit.iter().step_by(lit.len().div_ceil(SAMPLES).max(1));
+    let rows: Vec<Vec<f64>> =
+        some.map(|it| steps.iter().map(|step| f64::from(pictures[*step].pixels()[it.0])).collect()).collect();
+    let rows: Vec<&[f64]> =
+        rows.iter().map(|it| &it[..]).filter(|it| it.iter().all(|level| *level < SATURATED)).collect();
+    if rows.len() < MIN_SAMPLES * PARTS {
+        return Vec::new();
+    }
+    let Some(all) = of_steps(&rows) else { return Vec::new() };
+    // By rows of the picture: what the light there has of its own does not depend on the step.
+    let parts: Vec<Vec<f64>> = rows.chunks(rows.len().div_ceil(PARTS)).filter_map(of_steps).collect();
+    if parts.len() < PARTS / 2 {
+        return Vec::new();
+    }
+    let n = parts.len() as f64;
+    let is_off = |at: usize| {
+        let spread = parts.iter().map(|it| (it[at] - all[at]).powi(2)).sum::<f64>() / n;
+        let off = (all[at] - 1.0).abs();
+        off > STEP_OFF.max(STEP_SIGMAS * (spread / n).sqrt()) && RANGE.contains(&all[at])
+    };
+    (0..steps.len()).filter(|it| is_off(*it)).map(|it| (steps[it], all[it])).collect()
+}
+
+/// How many times as bright as the middle one of them the steps of a wave are, by what pixels see of each.
+fn of_steps(rows: &[&[f64]]) -> Option<Vec<f64>> {
+    let n = rows.first()?.len();
+    let turns: Vec<[f64; 2]> =
+        (0..n).map(|it| (std::f64::consts::TAU * it as f64 / n as f64).sin_cos()).map(|(s, c)| [c, s]).collect();
+    let mut factors: Vec<f64> = (0..n).map(|step| rows.iter().map(|it| it[step]).sum()).collect();
+    to_middle(&mut factors)?;
+    if n == 3 {
+        return Some(factors);
+    }
+    let on_the_whole = factors.clone();
+    for _ in 0..ROUNDS {
+        let (mut products, mut squares) = (vec![0.0; n], vec![0.0; n]);
+        for row in rows {
+            let (mut mean, mut cosine, mut sine) = (0.0, 0.0, 0.0);
+            for ((level, factor), [c, s]) in row.iter().zip(&factors).zip(&turns) {
+                let level = level / factor / n as f64;
+                (mean, cosine, sine) = (mean + level, cosine + 2.0 * level * c, sine + 2.0 * level * s);
+            }
+            let wave = |[c, s]: &[f64; 2]| mean + cosine * c + sine * s;
+            let height = cosine.hypot(sine);
+            let off = row.iter().zip(&factors).zip(&turns);
+            let off = off.map(|((level, factor), it)| (level / factor - wave(it)).powi(2)).sum::<f64>() / n as f64;
+            if height < LEAST_WAVE || off.sqrt() > ON_WAVE * height {
+                continue;
+            }
+            for (step, turn) in turns.iter().enumerate() {
+                products[step] += row[step] * wave(turn);
+                squares[step] += wave(turn).powi(2);
+            }
+        }
+        factors = products.iter().zip(&squares).map(|(product, square)| product / square).collect();
+        to_middle(&mut factors)?;
+    }
+    factors.iter().zip(&on_the_whole).all(|(waves, whole)| (waves - whole).abs() <= SAME).then_some(factors)
+}
+
+/// Divides by the middle one.
+fn to_middle(factors: &mut [f64]) -> Option<()> {
+    let mut sorted = factors.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = 0.5 * (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]);
+    factors.iter_mut().for_each(|it| *it /= middle);
+    factors.iter().all(|it| it.is_finite() && *it > 0.0).then_some(())
+}
+
+/// Pictures of bits, and white, of another exposure.
+fn uneven_pairs(
     code: &StripeCode,
     pictures: &[ImageView<'_>],
     places: &[Option<usize>],
@@ -72,11 +183,10 @@ pub(super) fn uneven(
         factors.push((white, 1.0));
     }
     let relative = factors.into_iter().map(|(picture, it)| (picture, it / most));
-    let mut off: Vec<(usize, f64)> = relative.filter(|it| (it.1 - 1.0).abs() > OFF_TOO).collect();
+    let off: Vec<(usize, f64)> = relative.filter(|it| (it.1 - 1.0).abs() > OFF_TOO).collect();
     if off.iter().all(|it| (it.1 - 1.0).abs() <= OFF) {
         return Vec::new();
     }
-    off.sort_by_key(|it| it.0);
     off
 }
 
@@ -139,7 +249,7 @@ pub(super) fn evened(pixels: &[u8], factor: f64) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene::{wall_code, wall_set};
+    use super::super::scene::{Scene, wall, wall_code, wall_set};
     use super::*;
 
     /// What is found of a wall's pictures some of which are darker or brighter.
@@ -172,6 +282,44 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What is found of the phase steps of a wall's columns after `change`.
+    fn found_of_steps(steps: u32, power: f64, change: impl Fn(&mut [Vec<u8>])) -> Vec<(usize, f64)> {
+        let code = StripeCode::phase([160, 120], steps, 8);
+        let mut pictures = Scene { power, ..wall(5) }.pictures(&code);
+        let first = code.place(Shown::Phase { axis: Axis::Columns, step: 0 }).unwrap();
+        change(&mut pictures[first..first + steps as usize]);
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let n = views.len();
+        let lit: Vec<_> = (0..19_200).filter(|it| !(86..=90).contains(&(it % 160))).map(|it| (it, 10, 200)).collect();
+        let found = uneven_steps(&code, Axis::Columns, &views, &(0..n).map(Some).collect::<Vec<_>>(), &lit);
+        found.into_iter().map(|it| (it.0 - first, it.1)).collect()
+    }
+
+    #[test]
+    fn phase_steps_of_another_exposure_are_found_with_their_factor() {
+        let darker = |step: usize, factor: f64| {
+            move |steps: &mut [Vec<u8>]| {
+                steps[step].iter_mut().for_each(|it| *it = (f64::from(*it) * factor).round() as u8);
+            }
+        };
+        for steps in [3, 4, 5, 8] {
+            for power in [1.0, 2.2] {
+                assert_eq!(found_of_steps(steps, power, |_| ()), [], "{steps} steps, power {power}");
+                // Three steps tell it by how bright they are on the whole alone, which so small a picture tells but roughly.
+                for factor in if steps == 3 { [0.6, 0.7] } else { [0.9, 0.7] } {
+                    let found = found_of_steps(steps, power, darker(1, factor));
+                    let is_it = found.len() == 1
+                        && found[0].0 == 1
+                        && (found[0].1 - factor).abs() < if steps == 3 { 0.03 } else { 0.02 };
+                    assert!(is_it, "{steps} steps, power {power}: {found:?} for {factor}");
+                }
+            }
+        }
+        // What is no exposure is not evened out.
+        assert_eq!(found_of_steps(8, 1.0, |it| it.swap(1, 2)), []);
+        assert_eq!(found_of_steps(4, 1.0, |it| it[1].iter_mut().for_each(|it| *it = 255 - *it)), []);
     }
 
     #[test]

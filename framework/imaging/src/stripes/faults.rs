@@ -46,6 +46,13 @@ pub enum SetFault {
         /// How many pictures lack.
         pictures: usize,
     },
+    /// Phase steps of an axis lack: nothing tells which.
+    MissingSteps {
+        /// Of which axis.
+        axis: Axis,
+        /// How many pictures lack.
+        pictures: usize,
+    },
     /// No picture shows the stripes of an axis.
     NoAxis {
         /// Which axis.
@@ -112,6 +119,8 @@ pub enum SetFault {
         first: usize,
         /// The first and the last of those that are used.
         used: [usize; 2],
+        /// By how much all grew brighter, or darker where negative, where a light that was switched explains it [gray levels].
+        light: Option<f64>,
     },
     /// A picture shows its stripes on another scene than the others.
     OtherScene {
@@ -260,6 +269,7 @@ impl SetFault {
             // What is not there may be worked out from the rest, and what lacks is known.
             SetFault::Missing { .. }
             | SetFault::MissingBits { .. }
+            | SetFault::MissingSteps { .. }
             | SetFault::NoAxis { .. }
             | SetFault::Unreadable { .. }
             | SetFault::Doubled { .. }
@@ -331,6 +341,11 @@ impl SetFault {
                 let or = if *or_inverse { " or no other its inverse" } else { "" };
                 format!("no picture shows {shown}{or}, expected {place}: a picture is missing")
             }
+            SetFault::MissingSteps { axis, pictures } => format!(
+                "{pictures} of the {} phase steps of the {} missing, nothing tells which",
+                code.steps,
+                if *pictures == 1 { format!("{} is", axis.in_words()) } else { format!("{} are", axis.in_words()) }
+            ),
             SetFault::MissingBits { axis, planes, pictures } => {
                 let words = axis.in_words();
                 let any: Vec<String> = planes.iter().map(u32::to_string).collect();
@@ -397,13 +412,24 @@ impl SetFault {
                     list.join(", ")
                 )
             }
-            SetFault::Moved { last, first, used: [from, until] } => format!(
-                "between {} and {} something moved: what is seen, the camera or the projector. {} to {} are used, which show one scene, and no other picture",
-                name(*last),
-                name(*first),
-                name(*from),
-                name(*until)
-            ),
+            SetFault::Moved { last, first, used: [from, until], light } => {
+                let what = match light {
+                    None => "something moved: what is seen, the camera or the projector".to_owned(),
+                    Some(by) => format!(
+                        "a light was switched {}, or the exposure changed: all is {:.0} gray levels {}",
+                        if *by > 0.0 { "on" } else { "off" },
+                        by.abs(),
+                        if *by > 0.0 { "brighter" } else { "darker" }
+                    ),
+                };
+                format!(
+                    "between {} and {} {what}. {} to {} are used, which show one scene, and no other picture",
+                    name(*last),
+                    name(*first),
+                    name(*from),
+                    name(*until)
+                )
+            }
             SetFault::OtherScene { picture, shown } => format!(
                 "{} shows {shown} on another scene than the other pictures: something moved before it and back after it, or it is of another set. It is not used",
                 name(*picture)

@@ -1,7 +1,7 @@
 //! Pictures of another scene in one set: camera, projector or what is seen was moved between two of them.
 //!
 //! A bit and its inverse add up to the scene under full light, whatever stripes they show; so do white and black. These sums, in the order of the pictures, are alike as long as nothing moves. Where they fall into
-//! stretches that are alike each but not to one another, something moved between the last picture of the one and the first of the next.
+//! stretches that are alike each but not to one another, something moved between the last picture of the one and the first of the next, or a light was switched.
 
 use super::code::{Axis, Inverse, Shown, StripeCode};
 use crate::ImageView;
@@ -16,6 +16,8 @@ const MOVED: f64 = 0.08;
 const SPREAD: f64 = 0.4;
 /// Blocks along each side of the picture.
 const BLOCKS: usize = 8;
+/// A light makes all brighter, but for so many of the pixels that differ: what moves makes as many darker [–].
+const OTHER_WAY: f64 = 0.03;
 /// Sums that a stretch needs to be one.
 const MIN_SUMS: usize = 2;
 /// A gray level that may be cut off.
@@ -39,6 +41,8 @@ pub(super) struct Stretches {
     pub(super) pictures: Vec<Vec<usize>>,
     /// Which of them tells most.
     pub(super) kept: usize,
+    /// From each to the next: by how much all of the picture grew brighter, or darker where negative, where a light that was switched explains the difference [gray levels].
+    pub(super) light: Vec<Option<f64>>,
 }
 
 /// What does not belong together in a set.
@@ -148,7 +152,23 @@ fn in_stretches(
         (Axis::BOTH.into_iter().filter(|axis| is_told(stretch, *axis)).count(), stretch.len())
     };
     let kept = (0..stretches.len()).max_by_key(worth)?;
-    Some(Stretches { pictures: stretches, kept })
+    let light = stretches.windows(2).map(|it| light(sums, [&it[0], &it[1]], noise)).collect();
+    Some(Stretches { pictures: stretches, kept, light })
+}
+
+/// By how much the second of two stretches is brighter in the middle one of the pixels that differ, where nearly all that differ do so the same way.
+fn light(sums: &[Sum], stretches: [&Vec<usize>; 2], noise: f64) -> Option<f64> {
+    let [before, after] =
+        stretches.map(|it| sums.iter().find(|sum| sum.pictures.iter().all(|picture| it.contains(picture))));
+    let (before, after) = (before?, after?);
+    let whole = (0..before.levels.len()).filter(|it| !before.is_cut_off[*it] && !after.is_cut_off[*it]);
+    let mut off: Vec<f64> = whole.map(|it| after.levels[it] - before.levels[it]).collect();
+    off.retain(|it| it.abs() > LEVELS.max(SIGMAS * noise));
+    off.sort_by(f64::total_cmp);
+    let n_darker = off.partition_point(|it| *it < 0.0) as f64 / off.len().max(1) as f64;
+    let is_one_way = n_darker.min(1.0 - n_darker) <= OTHER_WAY;
+    // Two pictures make a sum.
+    off.get(off.len() / 2).filter(|_| is_one_way).map(|it| it / 2.0)
 }
 
 /// Part of the pixels in which two sums differ; 0 where they do in a few blocks of the picture alone [–].

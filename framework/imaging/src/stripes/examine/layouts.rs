@@ -68,13 +68,14 @@ impl<'a> Layouts<'a> {
         })
     }
 
-    /// Whether two pictures of different bits are each other's inverse, which they never are.
+    /// Whether two pictures of different bits, or of a bit and a phase step, are each other's inverse, which they never are.
     fn mixes_bits(&self, roles: &[Shown], places: &Places) -> bool {
         let has_stripes = |it: &usize| self.is_there(*it) && !self.flat[*it].contains(&true);
         let bits: Vec<_> = roles
             .iter()
             .zip(places)
-            .filter_map(|(shown, picture)| Some((bit_of(shown)?, picture.filter(has_stripes)?)))
+            .filter(|it| matches!(it.0, Shown::Bit { .. } | Shown::Phase { .. }))
+            .filter_map(|(shown, picture)| Some((bit_of(shown), picture.filter(has_stripes)?)))
             .collect();
         bits.iter().enumerate().any(|(at, (bit, picture))| {
             bits[..at].iter().any(|(other, before)| other != bit && self.not_inverse[*picture][*before] < SAME)
@@ -129,6 +130,18 @@ impl<'a> Layouts<'a> {
         let places = placed(first);
         let after = |place: usize| places[..place].iter().rev().find_map(|it| *it);
         let bits = |it: &[usize]| it.iter().map(|it| bit_of(&roles[*it])).collect::<Vec<_>>();
+        // Steps of a wave are like each other.
+        let of_step = |it: &usize| match roles[*it] {
+            Shown::Phase { axis, .. } => Some(axis),
+            Shown::Bit { .. } | Shown::White | Shown::Black | Shown::Boundary { .. } => None,
+        };
+        if let Some(axis) = of_step(&first[0])
+            && holding.iter().flatten().all(|it| of_step(it) == Some(axis))
+        {
+            let places = (0..all).map(|it| places[it].filter(|_| of_step(&it) != Some(axis))).collect();
+            let fault = SetFault::MissingSteps { axis, pictures: all - n };
+            return Some(Explained { faults: vec![fault], places, unsure: Vec::new() });
+        }
         if holding.iter().all(|it| bits(it) == bits(first)) {
             // Nothing tells which of the two of a bit lacks.
             let is_open = |place: &usize| holding.iter().any(|it| !it.contains(place));
@@ -157,20 +170,33 @@ impl<'a> Layouts<'a> {
         let (n, all) = (self.set.pictures.len(), roles.len());
         let natural: Places = (0..all).map(Some).collect();
         let mut holding: Vec<(Vec<usize>, Places)> = Vec::new();
+        // An arrangement that spoils what would tell of a fault holds by saying nothing.
+        let mut most = 0;
+        let mut keep = |which: Vec<usize>, places: Places| {
+            let mut told = 0;
+            let is_sound = self.is_sound(code, &roles, &places, |set| {
+                told = Axis::BOTH.into_iter().filter(|it| code.has(*it)).map(|it| set.n_told(it)).sum();
+                told >= most
+            });
+            if !is_sound {
+                return;
+            }
+            if told > most {
+                holding.clear();
+                most = told;
+            }
+            holding.push((which, places));
+        };
         if n == all {
             for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
                 let mut places = natural.clone();
                 places.swap(a, b);
-                if self.is_sound(code, &roles, &places, |_| true) {
-                    holding.push((vec![a, b], places));
-                }
+                keep(vec![a, b], places);
             }
         } else if n == all + 1 {
             for extra in 0..n {
                 let places = (0..n).filter(|it| *it != extra).map(Some).collect();
-                if self.is_sound(code, &roles, &places, |_| true) {
-                    holding.push((vec![extra], places));
-                }
+                keep(vec![extra], places);
             }
         }
         // Of pictures that are there twice, the later one is too many.

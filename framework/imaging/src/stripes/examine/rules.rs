@@ -1,10 +1,10 @@
 //! What a Gray code promises of the pictures of a set, held against them.
 
 use super::super::code::{Axis, Inverse, Shown, StripeCode};
-use super::super::faults::SetFault;
+use super::super::faults::{Found, SetFault};
 use super::super::identify::Samples;
 use super::super::stretches;
-use super::{ALIKE, BEYOND, BROKEN, CLEARLY, MIN_CHANGES, NOISE_SUM, OTHER_EXPOSURE, REACH, SATURATED};
+use super::{ALIKE, BEYOND, BROKEN, CLEARLY, FAR, MIN_CHANGES, NO_WAVE, NOISE_SUM, OTHER_EXPOSURE, REACH, SATURATED};
 use crate::ImageView;
 
 /// A pixel: its place, its bits, and those of them that are certain.
@@ -72,7 +72,23 @@ impl Set<'_> {
                 found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
             }
         }
+        let flat = self.steps_without_a_wave().into_iter().filter(|it| !found.iter().any(|named| named.0 == it.0));
+        found.extend(flat.collect::<Vec<_>>());
         found
+    }
+
+    /// Phase steps that are all bright or all dark, where most are not.
+    fn steps_without_a_wave(&self) -> Vec<(usize, SetFault)> {
+        let steps = self.shown.iter().enumerate().filter(|it| matches!(it.1, Shown::Phase { .. }));
+        let steps: Vec<(usize, Shown)> =
+            steps.filter(|it| !self.skipped.contains(&it.0)).map(|it| (it.0, *it.1)).collect();
+        let flat = steps.iter().filter_map(|(picture, expected)| {
+            let shows = [Shown::White, Shown::Black].into_iter().find(|it| self.not_flat(*picture, *it) < NO_WAVE)?;
+            let found = Found::Shown(shows);
+            Some((*picture, SetFault::Shows { picture: *picture, found, expected: *expected }))
+        });
+        let flat: Vec<(usize, SetFault)> = flat.collect();
+        if 2 * flat.len() < steps.len() { flat } else { Vec::new() }
     }
 
     /// Correlation of a picture with the brightest that pixels are; 0 where they are all alike.
@@ -246,31 +262,50 @@ impl Set<'_> {
             (at, ones, certain)
         };
         let pixels: Vec<Read> = self.lit.iter().map(read).collect();
-        // By bit: how often it is as it should be and as it should not where a coarser one changes.
-        let mut right = vec![[0_usize; 2]; bits];
-        let mut compare = |ones: u32, other: u32, certain: u32| {
-            let changed = (ones ^ other) & certain;
-            if changed.count_ones() != 1 {
+        // By bit, next to each other and further apart: how often it is as it should be and as it should not where a coarser one changes.
+        let mut right = vec![[[0_usize; 2]; 2]; bits];
+        let mut compare = |a: &Read, b: &Read, between: &[u32]| {
+            let certain = a.2 & b.2;
+            let changed = (a.1 ^ b.1) & certain;
+            // Over pixels that are neither lit nor dark: no stripe fits in between.
+            if changed.count_ones() != 1 || between.iter().any(|it| it & changed != 0) {
                 return;
             }
             let plane = changed.trailing_zeros() as usize;
             for (finer, counts) in right.iter_mut().enumerate().skip(plane + 1) {
                 if certain & (1 << finer) != 0 {
                     let should = finer == plane + 1;
-                    counts[usize::from((ones >> finer & 1 == 1) == should)] += 1;
+                    counts[usize::from(!between.is_empty())][usize::from((a.1 >> finer & 1 == 1) == should)] += 1;
                 }
             }
         };
-        for (index, (at, ones, certain)) in pixels.iter().enumerate() {
-            let to_the_right = pixels.get(index + 1).filter(|it| it.0 == at + 1 && it.0 % self.width != 0);
-            let below = pixels.binary_search_by_key(&(at + self.width), |it| it.0).ok().map(|it| &pixels[it]);
-            for (_, other, also) in to_the_right.into_iter().chain(below) {
-                compare(*ones, *other, certain & also);
+        let below = |at: usize| pixels.binary_search_by_key(&(at + self.width), |it| it.0).ok();
+        for (index, it) in pixels.iter().enumerate() {
+            let row = it.0 / self.width;
+            let mut between = Vec::with_capacity(REACH);
+            for other in pixels[index + 1..].iter().take(REACH) {
+                if other.0 != it.0 + between.len() + 1 || other.0 / self.width != row {
+                    break;
+                }
+                compare(it, other, &between);
+                between.push(other.2);
+            }
+            between.clear();
+            let mut at = it.0;
+            while let Some(other) = below(at).map(|it| &pixels[it]).filter(|_| between.len() < REACH) {
+                compare(it, other, &between);
+                between.push(other.2);
+                at = other.0;
             }
         }
-        let judge = |counts: &[usize; 2]| {
-            let all = counts[0] + counts[1];
-            (all >= MIN_CHANGES).then(|| counts[1] as f64 / all as f64)
+        let judge = |[near, far]: &[[usize; 2]; 2]| {
+            let rate = |counts: &[usize; 2]| {
+                let all = counts[0] + counts[1];
+                (all >= MIN_CHANGES).then(|| counts[1] as f64 / all as f64)
+            };
+            // From further apart fine stripes may be others already, where coarse ones are as they are next to it.
+            let both = [near[0] + far[0], near[1] + far[1]];
+            rate(near).or_else(|| rate(&both).filter(|it| !(FAR..=1.0 - FAR).contains(it)))
         };
         (right.iter().map(judge).collect(), pixels)
     }

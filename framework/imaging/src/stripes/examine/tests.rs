@@ -522,3 +522,68 @@ fn rows_taken_for_columns_are_told() {
     let [SetFault::OtherOrder { code }] = &found.faults[..] else { panic!("{:?}", found.faults) };
     assert_eq!(code.order, right.order);
 }
+
+/// The faults of a wall's phase steps after `change`, in words, and the axes that are left.
+fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize)) -> (Vec<String>, Vec<Axis>) {
+    let code = StripeCode::phase([160, 120], steps, 8);
+    let mut pictures = wall(3).pictures(&code);
+    let place = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
+    change(&mut pictures, &place);
+    let found = examined(&code, &pictures);
+    let words = found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`")));
+    (words.collect(), found.usable(&code))
+}
+
+#[test]
+fn phase_steps_that_are_none_are_named() {
+    let (said, usable) = of_steps(4, |_, _| ());
+    assert!(said.is_empty() && usable == Axis::BOTH, "{said:?}");
+    let (said, usable) = of_steps(4, |pictures, place| pictures[place(2)].fill(0));
+    let expected = "shows black, expected phase step 2 of the columns";
+    assert!(said.len() == 1 && said[0].contains(expected) && usable == [Axis::Rows], "{said:?}");
+    let white = |pictures: &mut Vec<Vec<u8>>, place: &dyn Fn(u32) -> usize| {
+        let last = pictures.len() - 2;
+        let white = pictures[last].clone();
+        pictures[place(2)] = white;
+    };
+    let (said, usable) = of_steps(4, white);
+    assert!(said.len() == 1 && said[0].contains("shows white") && usable == [Axis::Rows], "{said:?}");
+    for step in 0..4 {
+        let (said, usable) = of_steps(4, |pictures, place| drop(pictures.remove(place(step))));
+        let expected = "1 of the 4 phase steps of the columns is missing, nothing tells which";
+        assert!(said.len() == 2 && said[1] == expected && usable == [Axis::Rows], "step {step}: {said:?}");
+    }
+    let (said, _) = of_steps(4, |pictures, place| pictures[place(1)].iter_mut().for_each(|it| *it = 255 - *it));
+    assert!(said.len() == 1 && said[0].contains("is a negative, expected phase step 1"), "{said:?}");
+}
+
+#[test]
+fn a_light_that_is_switched_is_not_called_motion() {
+    let switched = |from: usize, by: u8| {
+        move |it: &mut Vec<Vec<u8>>| it[from..].iter_mut().flatten().for_each(|it| *it = it.saturating_add(by))
+    };
+    check(
+        switched(16, 25),
+        &["a light was switched on, or the exposure changed: all is 25 gray levels brighter"],
+        &[Axis::Rows],
+    );
+    let moved = |it: &mut Vec<Vec<u8>>| it[16..].iter_mut().for_each(|it| it.rotate_right(5));
+    check(moved, &["something moved"], &[Axis::Rows]);
+}
+
+#[test]
+fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
+    // The projector reaches a part of the rows, and pixels lie in the middle of its boundaries.
+    let code = StripeCode::gray([160, 128]);
+    let part = Scene { shadow: |_, y| y < 60.0, projector: |x, y| [0.3 + x, 1.0 + y], defocus: 0.7, ..wall(4) };
+    let pictures = part.pictures(&code);
+    assert_eq!(examined(&code, &pictures).faults, []);
+    for plane in 1..7 {
+        let mut changed = pictures.clone();
+        changed.swap(2 * plane, 2 * plane + 1);
+        let found = examined(&code, &changed);
+        let planes = vec![plane as u32];
+        let expected = SetFault::Inverted { axis: Axis::Columns, planes, all: false, mended: true };
+        assert_eq!(found.faults, [expected], "bit {plane}");
+    }
+}
