@@ -1,6 +1,7 @@
 //! `painted_mark.shape_model`: the pose of a head or knee, its shape, and the marks that are hidden [Davis 2002 §5.4].
 
 mod capture;
+mod held_out;
 mod leftover;
 mod settings;
 #[cfg(test)]
@@ -18,6 +19,7 @@ use foveate::scene::{UncertainPose, load_shape_model, shape_model_to_toml};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3};
 
 use capture::{Capture, Rigid};
+use held_out::HeldOut;
 use leftover::Leftover;
 pub use settings::{Kind, ShapeSettings};
 
@@ -40,6 +42,7 @@ figures! {
     "shape.frames_out_of_distribution": count, low, "Fitted frames whose out-of-distribution score is 1 or more";
     "shape.fit_rms_mm.{median,p95}": mm, low, "Root mean square distance of the measured marks of a frame from the fitted model, over fitted frames";
     "shape.filled_sigma_mm.median": mm, low, "Stated standard deviation of filled marks, of one axis";
+    "shape.held_out_mm.{median,p95}": mm, low, "Measured marks that were held out of a fit with those beside them, as if they were hidden: distance from where they would have been filled";
 }
 
 /// Variance of a velocity about which nothing is known [m²/s²].
@@ -47,7 +50,7 @@ const UNKNOWN_VELOCITY: f64 = 1e6;
 
 /// Marks as they were measured come in; all marks of the model go out, in a space that moves with the head (the knee): the measured ones where they were
 /// measured, the hidden ones where the model has them, and what it leaves of their neighbours has them move, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
-/// mark's place among the measured ones. Measured marks that contradict all others are filled as well.
+/// mark's place among the measured ones; and it grows with how far measured marks are off that are held out as if they were hidden. Measured marks that contradict all others are filled as well.
 ///
 /// The model is read from a file, or acquired from this very session. Until it is there, and without any, the surface is taken for rigid: marks go out as measured, with
 /// a pose. The axes of the space are those of the first complete frame, which are the world's for marks from `painted_mark.integrator`; its origin is in the middle of the mean shape.
@@ -57,6 +60,7 @@ pub struct Shape {
     settings: ShapeSettings,
     stage: Stage,
     fitter: Option<ShapeFitter>,
+    held_out: Option<HeldOut>,
     spaces: Option<Spaces>,
     /// Where marks were last in the scale's space.
     last: BTreeMap<u32, Point3<f64>>,
@@ -118,6 +122,7 @@ impl Node for Shape {
         Ok(Self {
             settings,
             stage,
+            held_out: fitter.as_ref().map(HeldOut::of),
             fitter,
             spaces: is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
             last: BTreeMap::new(),
@@ -175,6 +180,10 @@ impl Node for Shape {
             if let Some(sigma) = Summary::of(&tally.filled_sigmas_mm) {
                 report.figure("shape.filled_sigma_mm.median", sigma.median);
             }
+            if let Some(off) = self.held_out.as_ref().and_then(HeldOut::off_mm) {
+                report.figure("shape.held_out_mm.median", off.median);
+                report.figure("shape.held_out_mm.p95", off.p95);
+            }
         }
         self.faults.drain(..).for_each(|it| report.remark(it));
         if let (Some(path), Stage::Modelled { n_frames: Some(_) }) = (&self.write_to, &self.stage) {
@@ -191,7 +200,8 @@ impl Shape {
         self.acquire(measured);
         let fitted = self.fit(measured).inspect_err(|_| self.tally.gaps += 1)?;
         let is_modelled = matches!(self.stage, Stage::Modelled { .. });
-        let marks = place(measured, &fitted, self.fitter.as_ref().filter(|_| is_modelled));
+        let factor = self.held_out.as_ref().map_or(1.0, HeldOut::factor);
+        let marks = place(measured, &fitted, self.fitter.as_ref().filter(|_| is_modelled), factor);
         self.count(&marks, &fitted, is_modelled);
         let own_from_world = self.own_from_world(measured.time);
         let targets = own_from_world.map(|it| self.targets(measured, &marks, &it));
@@ -221,7 +231,9 @@ impl Shape {
                 {
                     self.faults.push(format!("the model was not written to {}: {error}", path.display()));
                 }
-                self.fitter = Some(ShapeFitter::new(model));
+                let fitter = ShapeFitter::new(model);
+                self.held_out = Some(HeldOut::of(&fitter));
+                self.fitter = Some(fitter);
                 self.stage = Stage::Modelled { n_frames: Some(n_frames) };
             }
             Err(fault) => self.faults.push(format!("no model of the shape was acquired: {fault}")),
@@ -252,6 +264,9 @@ impl Shape {
         }
         let options = FitOptions { gate_sigmas: self.settings.gate_sigmas, ..FitOptions::default() };
         let fitted = fitter.fit(&observations, &options);
+        if let (Some(held_out), Ok(fitted)) = (&mut self.held_out, &fitted) {
+            held_out.learn(&observations, fitted, enough, &options);
+        }
         if let Stage::Rigid { surface, .. } = &mut self.stage {
             match &fitted {
                 Ok(fitted) if surface.learn(measured, Some(&fitted.measured_from_shape)) => {
@@ -328,8 +343,8 @@ fn left_of(seen: &[Mark], fitted: &FittedShape, fitter: &ShapeFitter) -> Vec<(Po
     seen.iter().filter_map(left).collect()
 }
 
-/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong.
-fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) -> Marks {
+/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong, whose variances are multiplied by `factor`.
+fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, factor: f64) -> Marks {
     let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
     let into_shape = |covariance: &Matrix3<f64>| turn.transpose() * covariance * turn;
     let is_kept =
@@ -351,7 +366,7 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>) ->
             list.push(Mark {
                 label: *label,
                 position: mark.position + leftover.as_ref().map_or(Vector3::zeros(), |it| it.at(&mark.position)),
-                covariance: mark.covariance,
+                covariance: mark.covariance * factor,
                 cameras: CameraSet::default(),
                 provenance: Provenance::Filled,
             });
