@@ -4,9 +4,11 @@
 //! |---|---|
 //! | `CAMERA_SET.ply` | binary, little endian: x, y, z [m], nx, ny, nz, red, green, blue, confidence, sigma [m] of each point |
 //! | `CAMERA_SET.glb` | points with colours, normals, sigma and confidence, for viewers; y up |
-//! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`; 0 where there is no point |
+//! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`, in the pixel of each point alone; 0 where there is no point |
 //! | `CAMERA_SET_shaded.png` | 8 bits a pixel: the surface lit from the upper left of the camera; 0 where there is no point |
 //! | `CAMERA_SET_normals.png` | 8 bits a channel: x, y, z of the normals in the cloud's space, −1 to 1 as 1 to 255; 0 where there is none |
+//!
+//! The last two are to be looked at: points of a cloud that has fewer than one a pixel are drawn as squares as wide as from one to the next (module `dots`). The first is for programs.
 //!
 //! SET is the cloud's name; where it has none, as of what is measured moment by moment, its number from 1 on.
 //!
@@ -23,6 +25,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::csv::file_part;
+use crate::dots::Dots;
 use crate::gltf::cloud_glb;
 use crate::whole_file::WholeFile;
 
@@ -181,9 +184,10 @@ impl ExportCloud {
             let [columns, rows] = cloud.camera_size;
             let n = columns as usize * rows as usize;
             let (mut range, mut shaded, mut normals) = (vec![0_u16; n], vec![0_u8; n], vec![0_u8; 3 * n]);
+            let mut dots = Dots::of(cloud);
             for point in cloud.iter() {
                 let at = usize::from(point.pixel[1]) * columns as usize + usize::from(point.pixel[0]);
-                let (Some(range), Some(shaded)) = (range.get_mut(at), shaded.get_mut(at)) else { continue };
+                let Some(range) = range.get_mut(at).filter(|_| u32::from(point.pixel[0]) < columns) else { continue };
                 let depth_mm = 1e3 * (camera_from_space * point.position.cast::<f64>()).z;
                 let steps = (depth_mm / self.settings.range_unit_mm).round();
                 if steps > 65_535.0 {
@@ -191,11 +195,13 @@ impl ExportCloud {
                 } else {
                     *range = steps.max(0.0) as u16;
                 }
-                *shaded = shade(&(camera_from_space.rotation * point.normal.cast::<f64>()));
-                if point.normal != Vector3::zeros() {
-                    normals[3 * at..3 * at + 3]
-                        .copy_from_slice(&[0, 1, 2].map(|it| (128.0 + 127.0 * point.normal[it]).round() as u8));
-                }
+                let light = shade(&(camera_from_space.rotation * point.normal.cast::<f64>()));
+                let known = (point.normal != Vector3::zeros()).then_some(point.normal);
+                let colour = known.map(|it| [0, 1, 2].map(|axis| (128.0 + 127.0 * it[axis]).round() as u8));
+                dots.around(point.pixel, |at| {
+                    shaded[at] = light;
+                    normals[3 * at..3 * at + 3].copy_from_slice(&colour.unwrap_or([0; 3]));
+                });
             }
             let range: Vec<u8> = range.iter().flat_map(|it| it.to_be_bytes()).collect();
             for (ending, kind, bits, pixels) in [

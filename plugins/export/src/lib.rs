@@ -29,6 +29,7 @@ pub mod bvh;
 pub mod c3d;
 pub mod cloud;
 mod csv;
+mod dots;
 pub mod features;
 mod figures;
 mod frame_file;
