@@ -42,6 +42,8 @@ const TOLD_SHARE: f64 = 0.5;
 
 /// Pictures that are named one by one.
 const NAMED: usize = 6;
+/// Bits beyond those that are too fine all over the picture, without which pixels are tried that cannot be decoded with them.
+const COARSER: u32 = 2;
 /// Where nothing else is said of a set, fewer known pixels over lit ones than this are worth a remark [–].
 const SCARCE: f64 = 0.25;
 /// Phase steps that are on no wave are told at more than this part of the pixels [–].
@@ -337,8 +339,8 @@ impl Decoder {
             ..DecodeOptions::default()
         };
         let in_parts = TooFine::of(&code, &views, self.settings.min_contrast);
+        let (coordinates, in_parts) = self.coordinates(&code, &views, &axes, &options, in_parts, noise).map_err(one)?;
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts));
-        let coordinates = self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),
@@ -417,40 +419,61 @@ impl Decoder {
         Ok(Map { map, white, lit, faults })
     }
 
-    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there.
+    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there; with what it does not resolve.
     fn coordinates(
         &mut self,
         code: &StripeCode,
         views: &[ImageView<'_>],
         axes: &[Axis],
         options: &DecodeOptions,
-        too_fine: &TooFine,
+        too_fine: TooFine,
         noise: f64,
-    ) -> Result<Coordinates, String> {
+    ) -> Result<(Coordinates, TooFine), String> {
+        let mut too_fine = too_fine;
+        let most = too_fine.overall().map(|it| it + COARSER);
         let mut all: Option<Coordinates> = None;
-        for level in too_fine.levels() {
-            let coarse = code.without_finest(level);
-            let shown = code.pictures();
-            let is_kept = coarse.pictures();
-            let views: Vec<ImageView<'_>> =
-                shown.iter().zip(views).filter(|it| is_kept.contains(it.0)).map(|it| *it.1).collect();
-            decode_into(&coarse, &views, axes, options, &mut self.decoded).map_err(|fault| fault.to_string())?;
-            let Some(all) = &mut all else {
-                all = Some(self.of_bits(&coarse, &views, noise, [None, None])?);
-                continue;
-            };
-            let width = all.size[0];
-            let is_open = |(at, it): (usize, &f32)| it.is_nan() && too_fine.at(at % width, at / width) == level;
-            let open = all.values.each_ref().map(|it| it.iter().enumerate().map(is_open).collect::<Vec<bool>>());
-            let found = self.of_bits(&coarse, &views, noise, open.each_ref().map(|it| Some(it.as_slice())))?;
-            for (axis, open) in open.iter().enumerate() {
-                for at in (0..open.len()).filter(|it| open[*it]) {
-                    all.values[axis][at] = found.values[axis][at];
-                    all.sigmas[axis][at] = found.sigmas[axis][at];
+        // Levels that all pixels which want them have been tried with.
+        let mut tried: Option<TooFine> = None;
+        loop {
+            for level in too_fine.levels() {
+                let width = views.first().map_or(1, |it| it.width());
+                let wants = |at: usize, grid: &TooFine| grid.at(at % width, at / width) == level;
+                let is_new = |at: usize| wants(at, &too_fine) && !tried.as_ref().is_some_and(|it| wants(at, it));
+                let open = all.as_ref().map(|all| {
+                    let is_open = |(at, it): (usize, &f32)| it.is_nan() && is_new(at);
+                    all.values.each_ref().map(|it| it.iter().enumerate().map(is_open).collect::<Vec<bool>>())
+                });
+                if open.as_ref().is_some_and(|it| !it.iter().flatten().any(|it| *it)) {
+                    continue;
+                }
+                let coarse = code.without_finest(level);
+                let shown = code.pictures();
+                let is_kept = coarse.pictures();
+                let views: Vec<ImageView<'_>> =
+                    shown.iter().zip(views).filter(|it| is_kept.contains(it.0)).map(|it| *it.1).collect();
+                decode_into(&coarse, &views, axes, options, &mut self.decoded).map_err(|fault| fault.to_string())?;
+                let (Some(all), Some(open)) = (&mut all, open) else {
+                    all = Some(self.of_bits(&coarse, &views, noise, [None, None])?);
+                    continue;
+                };
+                let found = self.of_bits(&coarse, &views, noise, open.each_ref().map(|it| Some(it.as_slice())))?;
+                for (axis, open) in open.iter().enumerate() {
+                    for at in (0..open.len()).filter(|it| open[*it]) {
+                        all.values[axis][at] = found.values[axis][at];
+                        all.sigmas[axis][at] = found.sigmas[axis][at];
+                    }
                 }
             }
+            let Some(all) = all.as_ref().filter(|_| code.steps == 0) else { break };
+            let least = options.min_contrast;
+            let is_open = |at: usize, axis: usize| {
+                let value = all.values[axis].get(at).filter(|_| self.decoded.contrast[at] >= least)?;
+                Some(value.is_nan())
+            };
+            let Some(coarser) = too_fine.coarser_where(all.size, most, is_open) else { break };
+            tried = Some(std::mem::replace(&mut too_fine, coarser));
         }
-        Ok(all.unwrap_or_default())
+        Ok((all.unwrap_or_default(), too_fine))
     }
 
     fn of_bits(

@@ -3,6 +3,8 @@
 //! Where a camera blurs stripes, the finest bit has the least contrast, and that of coarser ones is much larger. Light that comes over other
 //! surfaces takes off contrast too, but as much of all fine stripes alike: such a bit is not taken for too fine, and [`super::gray`] leaves its pixels out.
 //! Without its finest bits a Gray code is a Gray code of stripes twice as wide.
+//!
+//! Stripes narrower than pixels that the camera sees sharply may show any contrast, of their beat with the pixels. How wide they are is told by coarser ones: each bit changes twice as often as the next coarser one.
 
 use super::code::{Axis, Shown, StripeCode};
 use crate::ImageView;
@@ -30,6 +32,18 @@ const WEAK: f64 = 0.5;
 const WEAKER: f64 = 0.7;
 /// Stripes of less contrast than this part of white − black are not seen at all [–].
 const NOTHING: f64 = 0.15;
+/// A bit that changes more often than this from one pixel to the next is too fine, whatever its contrast [1/px].
+const TOO_OFTEN: f64 = 0.9;
+/// Bits that change as often as this are well resolved and tell how often finer ones do [1/px]; the next coarser one changes half as often, but for this factor [–].
+const RESOLVED: std::ops::RangeInclusive<f64> = 0.02..=0.15;
+const HALF: f64 = 1.6;
+/// Pairs of pixels, and changes among them, that tell it.
+const MIN_PAIRS: usize = 100;
+const MIN_CHANGES: usize = 8;
+/// A bit is certain in a pixel where it is off the middle of dark and bright by this part of their difference [–].
+const CERTAIN: f64 = 0.25;
+/// In a block some of whose lit pixels cannot be decoded, more than this part, coarser stripes may tell [–].
+const UNDECODED: f64 = 0.12;
 /// Bits that are kept.
 const MIN_BITS: usize = 3;
 /// All blocks but this part have to want it before a bit is taken to be too fine all over the picture.
@@ -58,18 +72,57 @@ impl TooFine {
         let columns = width.div_ceil(BLOCK).max(1);
         let mut blocks = vec![None; columns * height.div_ceil(BLOCK)];
         let all = all_samples(&views, width, height, min_contrast);
+        // Of few pixels not every block tells how wide stripes are.
+        let everywhere = all.concat();
+        let too_often_everywhere = [0, 1].map(|axis| too_often(&bits[axis], &views, &everywhere, width));
         for (block, samples) in blocks.iter_mut().zip(&all) {
             if samples.len() >= MIN_SAMPLES {
-                *block = Some([0, 1].map(|axis| finest(&bits[axis], &views, samples)));
+                *block = Some([0, 1].map(|axis| {
+                    let by_contrast = finest(&bits[axis], &views, samples);
+                    by_contrast.max(too_often(&bits[axis], &views, samples, width).min(too_often_everywhere[axis] + 1))
+                }));
             }
         }
         // The level that nearly all blocks reach.
         let overall = [0, 1].map(|axis| {
             let mut levels: Vec<u32> = blocks.iter().flatten().map(|it: &[u32; 2]| it[axis]).collect();
             levels.sort_unstable();
-            levels.get((levels.len() as f64 * FEW) as usize).copied().unwrap_or(0)
+            let in_blocks = levels.get((levels.len() as f64 * FEW) as usize).copied().unwrap_or(0);
+            in_blocks.max(too_often_everywhere[axis])
         });
         TooFine { columns, blocks, overall }
+    }
+
+    /// With one bit more of an axis too fine in blocks where pixels that the projector lights have no coordinate; `None` where there is no such block. `is_open` says of a pixel and an axis whether that is so, `None` where it is not
+    /// lit. No more than `most` bits of an axis.
+    pub fn coarser_where(
+        &self,
+        size: [usize; 2],
+        most: [u32; 2],
+        is_open: impl Fn(usize, usize) -> Option<bool>,
+    ) -> Option<TooFine> {
+        let mut counts = vec![[[0_usize; 2]; 2]; self.blocks.len()];
+        for at in 0..size[0] * size[1] {
+            let Some(counts) = counts.get_mut(at / size[0] / BLOCK * self.columns + at % size[0] / BLOCK) else {
+                continue;
+            };
+            for (axis, [n, n_open]) in counts.iter_mut().enumerate() {
+                if let Some(is_open) = is_open(at, axis) {
+                    *n += 1;
+                    *n_open += usize::from(is_open);
+                }
+            }
+        }
+        let mut coarser = self.clone();
+        for (block, counts) in coarser.blocks.iter_mut().zip(&counts) {
+            for (axis, dropped) in block.iter_mut().flatten().enumerate() {
+                let [n, n_open] = counts[axis];
+                if n_open as f64 > UNDECODED * n as f64 && n_open > MIN_SAMPLES && *dropped < most[axis] {
+                    *dropped += 1;
+                }
+            }
+        }
+        (coarser != *self).then_some(coarser)
     }
 
     /// Bits of columns and rows that are too fine all over the picture.
@@ -139,6 +192,48 @@ fn finest(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)]) -
     if contrasts.get(dropped).is_some_and(|it| *it >= WEAK) { dropped as u32 } else { 0 }
 }
 
+/// How many of the finest bits, each with its pictures, change from nearly every pixel to the next.
+fn too_often(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)], width: usize) -> u32 {
+    let n_pixels = views.first().map_or(0, |it| it.len());
+    // How often a bit changes to the right and downwards.
+    let often = |pictures: &Vec<usize>| -> Option<f64> {
+        let lit = |at: usize, sum: i32, difference: i32| -> Option<bool> {
+            let off = match pictures[..] {
+                [bit, inverse] => i32::from(views[bit][at]) - i32::from(views[inverse][at]),
+                [bit] => 2 * i32::from(views[bit][at]) - sum,
+                _ => return None,
+            };
+            (f64::from(off.abs()) >= CERTAIN * f64::from(difference)).then_some(off > 0)
+        };
+        let mut counts = [[0_usize; 2]; 2];
+        for &(at, sum, difference) in samples {
+            let Some(here) = lit(at, sum, difference) else { continue };
+            for (by, [n, n_changes]) in [1, width].into_iter().zip(&mut counts) {
+                if at + by >= n_pixels || by == 1 && (at + 1) % width == 0 {
+                    continue;
+                }
+                if let Some(there) = lit(at + by, sum, difference) {
+                    *n += 1;
+                    *n_changes += usize::from(there != here);
+                }
+            }
+        }
+        let is_told =
+            counts.iter().all(|it| it[0] >= MIN_PAIRS) && counts.iter().map(|it| it[1]).sum::<usize>() >= MIN_CHANGES;
+        let [right, down] = counts.map(|[n, n_changes]| n_changes as f64 / n.max(1) as f64);
+        is_told.then(|| right.hypot(down))
+    };
+    let all: Vec<Option<f64>> = bits.iter().map(often).collect();
+    let tells = |plane: usize| {
+        let (often, coarser) = (all[plane].filter(|it| RESOLVED.contains(it))?, all[plane.checked_sub(1)?]?);
+        (1.0 / HALF..=HALF).contains(&(often / (2.0 * coarser))).then_some((plane, often))
+    };
+    let Some((plane, often)) = (0..bits.len()).rev().find_map(tells) else { return 0 };
+    let most = bits.len().saturating_sub(MIN_BITS);
+    let is_too_often = |it: &usize| often * 2_f64.powi((bits.len() - 1 - it) as i32 - plane as i32) > TOO_OFTEN;
+    (0..most).take_while(is_too_often).count() as u32
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::scene::{Scene, wall};
@@ -204,6 +299,42 @@ mod tests {
         let (all, coarse) = (judged([0, 0]), judged([1, 1]));
         assert!(all.0 < 0.6 && coarse.0 > 0.95, "{all:?} {coarse:?}");
         assert!(coarse.1 < 0.5 * all.1 && coarse.2 < 0.5 * all.2, "{all:?} {coarse:?}");
+    }
+
+    #[test]
+    fn sharp_stripes_narrower_than_pixels_are_found_by_how_often_coarser_ones_change() {
+        // By projector pixels to a camera pixel: bits that change from nearly every pixel to the next.
+        for (ratio, expected) in [(0.6, 0), (1.4, 0), (2.6, 1), (3.3, 1), (5.8, 2)] {
+            let scene = Scene {
+                projector: match expected {
+                    0 if ratio < 1.0 => |x, y| [300.0 + 0.6 * x + 0.1 * y, 250.0 + 0.6 * y - 0.1 * x],
+                    0 => |x, y| [300.0 + 1.4 * x + 0.2 * y, 250.0 + 1.4 * y - 0.2 * x],
+                    1 if ratio < 3.0 => |x, y| [300.0 + 2.6 * x + 0.3 * y, 150.0 + 2.6 * y - 0.3 * x],
+                    1 => |x, y| [300.0 + 3.3 * x + 0.3 * y, 100.0 + 3.3 * y - 0.3 * x],
+                    _ => |x, y| [20.0 + 5.8 * x + 0.4 * y, 60.0 + 5.8 * y - 0.4 * x],
+                },
+                defocus: 0.4,
+                ..wall(3)
+            };
+            let code = StripeCode::gray([1024, 768]);
+            let found = found(&scene, &code, |_| ());
+            assert_eq!(found.overall(), [expected; 2], "{ratio} projector pixels");
+            // Pictures in other places say nothing.
+            let wrong = super::tests::found(&scene, &code, |it| it.swap(4, 18));
+            assert!(wrong.overall()[0] <= expected, "{ratio}: {:?}", wrong.overall());
+        }
+    }
+
+    #[test]
+    fn blocks_that_cannot_be_decoded_are_tried_with_coarser_stripes() {
+        let code = StripeCode::gray([160, 120]);
+        let fine = found(&wall(1), &code, |_| ());
+        let open_left = |at: usize, axis: usize| Some(axis == 0 && at % 160 < 64 && at % 3 == 0);
+        let coarser = fine.coarser_where([160, 120], [2, 2], open_left).unwrap();
+        assert_eq!((coarser.at(10, 10), coarser.at(100, 10), coarser.at(10, 100)), ([1, 0], [0, 0], [1, 0]));
+        assert_eq!(coarser.coarser_where([160, 120], [1, 1], open_left), None);
+        assert_eq!(fine.coarser_where([160, 120], [2, 2], |_, _| Some(false)), None);
+        assert_eq!(fine.coarser_where([160, 120], [2, 2], |_, _| None), None);
     }
 
     #[test]
