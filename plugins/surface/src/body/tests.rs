@@ -10,7 +10,7 @@ use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
 use nalgebra::{Matrix3, Point2, Point3, UnitQuaternion, Vector3};
 
-use super::track::{BodyTracker, Outcome, Rules};
+use super::track::{BodyTracker, Outcome, Rules, stray};
 use super::{BodyFitter, BodySettings, Clicked, Model, SILHOUETTES, SKELETONS, SKIN, Skin};
 
 const TRACKED: In<TrackedSurface> = In::each(0, "tracked");

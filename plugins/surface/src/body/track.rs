@@ -25,8 +25,18 @@ const STATURE_SIGMA: f64 = 0.08;
 const GIRTH_SIGMA: f64 = 0.15;
 /// How far lengths of limbs are from what goes with the stature: the spread of 6 % of all people less that of their stature, 4 % [–].
 const LENGTH_SIGMA: f64 = 0.045;
+/// Lengths of people farther from what goes with their stature are no people's: three standard deviations of all people, 6 % [σ of [`LENGTH_SIGMA`]].
+const MOST_LENGTH_SIGMAS: f64 = 4.0;
 /// Joints of a person with left and right exchanged that fit better than by this: of simulated people 0.7 where they were exchanged, 1.3 and more where not [–].
 const LIKE_MIRRORED: f64 = 0.9;
+/// Points may be farther by so much from a body whose lengths are people's than from one whose lengths are not [–].
+const AS_NEAR: f64 = 1.1;
+/// A point is of no part of the body as it lies when it is farther from its surface: cloth hangs off by less [m].
+const STRAY_M: f64 = 0.05;
+/// Within this of each other such points are of one limb: about half of a shank [m].
+const STRAY_REACH_M: f64 = 0.15;
+/// Of all points, so many that lie together and off are no accident: of 120 right fits of simulated people 1.1 % at most, and a shank has 6 % [–].
+const MOST_STRAY: f64 = 0.02;
 /// A body of more lengths is no arm.
 const ARM_SCALES: usize = 3;
 /// Lines of sight that pass farther from all points of an arm are of the rest of the person [m].
@@ -246,6 +256,31 @@ impl BodyTracker {
         fit_body(&self.body, &all, &start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
     }
 
+    /// A forearm may grow over a hand, and its sleeve over both: a minimum of its own, whose lengths few people have. There the posture is sought once more with lengths that go with the
+    /// stature, and from it all; what comes of that is taken where it is like people and points are as near to it.
+    fn in_proportion(&self, found: BodyFit, observations: &[BodyObservation], options: &BodyFitOptions) -> BodyFit {
+        if self.body.skeleton.n_scales() <= ARM_SCALES || !options.free.scales || !has_odd_length(&found) {
+            return found;
+        }
+        let log: f64 =
+            found.state.scales.iter().zip(&self.template.scales).map(|(now, usual)| (now / usual).ln()).sum();
+        let stature = (log / found.state.scales.len() as f64).clamp(-STATURE_SIGMA, STATURE_SIGMA).exp();
+        let start =
+            State { scales: self.template.scales.iter().map(|it| it * stature).collect(), ..found.state.clone() };
+        let usual = self.usual();
+        let mut priors =
+            Priors { radii: usual.radii, scales: usual.scales, stature: usual.stature, ..anthropometric(&start) };
+        self.rest(&mut priors.angles, |_| true);
+        let search = |start: &State, free: Free, rough: bool| {
+            let options = BodyFitOptions { free, rough, ..options.clone() };
+            fit_body(&self.body, observations, start, &priors, &options).ok()
+        };
+        let fit = search(&start, Free::POSTURE, true).and_then(|it| search(&it.state, options.free, false));
+        let most_m = AS_NEAR * found.rms_m;
+        let is_better = |it: &BodyFit| blame(it).is_none() && !has_odd_length(it) && it.rms_m < most_m;
+        fit.filter(is_better).unwrap_or(found)
+    }
+
     /// Hands and feet, of those that `are_meant`, are known to go with forearm and shank: without points they would hang as they happened to be.
     fn rest(&self, angles: &mut [(f64, f64)], are_meant: impl Fn(usize) -> bool) {
         let bones = &self.body.skeleton;
@@ -311,7 +346,8 @@ impl BodyTracker {
         };
         if is_clicked {
             start.world_from_root.translation.vector = centroid;
-            let found = fit(&start, &[&points[..], &anchors].concat(), &options)?;
+            let clicked = [&points[..], &anchors].concat();
+            let found = self.in_proportion(fit(&start, &clicked, &options)?, &clicked, &options);
             let off = off_people(&found.state, &self.template);
             if self.body.skeleton.n_scales() <= ARM_SCALES {
                 let turned = fit(&start, &[&points[..], &exchanged(&anchors)].concat(), &options)?;
@@ -337,6 +373,11 @@ impl BodyTracker {
                     );
                     return Err(("no_start", reason));
                 }
+            }
+            if self.body.skeleton.n_scales() > ARM_SCALES
+                && let Some(reason) = stray(chosen, &found)
+            {
+                return Err(("elsewhere", reason));
             }
             return Ok(found);
         }
@@ -381,6 +422,31 @@ impl BodyTracker {
         }
         Ok(found)
     }
+}
+
+/// Whether a segment is longer or shorter than in most people.
+fn has_odd_length(fit: &BodyFit) -> bool {
+    fit.doubts.iter().any(|it| matches!(it, Doubt::Misshapen { what: "length", .. }))
+}
+
+/// What is said of points that lie together and off the body: as a shank does whose knee is bent the wrong way. They are fewer than what tells that the whole body lies elsewhere.
+pub(super) fn stray(chosen: &[&TrackedPoint], fit: &BodyFit) -> Option<String> {
+    let is_far = |it: &f64| it.is_nan() || it.abs() > STRAY_M;
+    let far: Vec<Point3<f64>> =
+        chosen.iter().zip(&fit.distances_m).filter(|it| is_far(it.1)).map(|it| it.0.position).collect();
+    let beside = |at: &Point3<f64>| far.iter().filter(|it| (*it - at).norm() < STRAY_REACH_M).count();
+    let (most, at) = far.iter().map(|it| (beside(it), it)).max_by_key(|it| it.0)?;
+    let share = most as f64 / chosen.len() as f64;
+    (share > MOST_STRAY).then(|| {
+        let [x, y, z]: [f64; 3] = at.coords.into();
+        format!(
+            "{most} of {} points, together about ({x:.2}, {y:.2}, {z:.2}) m, lie more than {:.0} mm off the body, expected {:.0} at most: a limb lies elsewhere than the body has it; expected clicked joints \
+             nearer to where they are",
+            chosen.len(),
+            1e3 * STRAY_M,
+            MOST_STRAY * chosen.len() as f64
+        )
+    })
 }
 
 /// The joints of an arm with its ends exchanged.
@@ -430,8 +496,14 @@ fn is_extremity(segment: &str) -> bool {
     segment.starts_with("hand") || segment.starts_with("foot")
 }
 
+/// Whether a segment may grow over a hand or foot: as long as that is, it is not believed to be.
+fn is_before_extremity(segment: &str) -> bool {
+    segment.starts_with("forearm") || segment.starts_with("shank")
+}
+
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
 fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
+    let is_person = fit.state.scales.len() > ARM_SCALES;
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
     let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
     for doubt in &fit.doubts {
@@ -439,7 +511,8 @@ fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
             // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
             Doubt::Misshapen { segment, .. } if segment == "pelvis" => (),
-
+            Doubt::Misshapen { segment, what: "length", sigmas }
+                if is_person && !is_before_extremity(segment) && sigmas.abs() < MOST_LENGTH_SIGMAS => {}
             Doubt::Misshapen { segment, .. } if !is_extremity(segment) => {
                 return Some(("misshapen", doubt.to_string()));
             }

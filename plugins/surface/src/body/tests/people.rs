@@ -100,7 +100,8 @@ const EXCHANGED: [usize; 14] = [0, 1, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12];
 
 #[test]
 fn people_of_tubes_are_fitted_from_clicked_joints() {
-    for (height, girth) in [(1.75, 1.0), (1.68, 1.05)] {
+    // The last two are fitted with shanks too short for them at first.
+    for (height, girth) in [(1.75, 1.0), (1.68, 1.05), (1.85, 1.2), (1.65, 1.2)] {
         let message = fitted(height, girth, AS_THEY_ARE);
         let skeleton = message.list.first().unwrap_or_else(|| panic!("{height} m: {:?}", message.unmodelled));
         let truth = joints(height);
@@ -122,4 +123,30 @@ fn people_whose_left_and_right_are_exchanged_are_told_and_giants_are_none() {
     assert!(exchanged.contains("left and right") && exchanged.contains("exchanged"), "{exchanged}");
     let giant = reason(fitted(2.6, 1.0, AS_THEY_ARE));
     assert!(giant.contains("standard deviations") || giant.contains("lie off"), "{giant}");
+}
+
+#[test]
+fn points_together_off_the_body_are_a_limb_that_lies_elsewhere_and_scattered_ones_are_not() {
+    let (body, template) = metaball::arm(Side::Right, 1.75);
+    let list = points(0.0, 400).list;
+    let observed: Vec<_> = list
+        .iter()
+        .map(|it| metaball::BodyObservation::Point { at: it.position, sigma_m: 1e-3, segment: None })
+        .collect();
+    let options = metaball::BodyFitOptions { rough: false, max_rounds: 1, ..metaball::BodyFitOptions::default() };
+    let priors = metaball::anthropometric(&template);
+    let mut fit = metaball::fit_body(&body, &observed, &template, &priors, &options).unwrap();
+    // One in 30 points is of something else, `apart` from each other [m].
+    let mut told = |apart: f64| {
+        fit.distances_m.fill(0.01);
+        let mut surface = list.clone();
+        for (number, it) in (0..list.len() / 30).enumerate() {
+            surface[it].position = Point3::new(1.5 + apart * number as f64, 2.0, -1.0);
+            fit.distances_m[it] = if number == 0 { f64::NAN } else { -0.06 };
+        }
+        stray(&surface.iter().collect::<Vec<_>>(), &fit)
+    };
+    let reason = told(0.001).unwrap();
+    assert!(reason.contains("together about (1.5") && reason.contains("nearer to where they are"), "{reason}");
+    assert_eq!(told(0.1), None);
 }
