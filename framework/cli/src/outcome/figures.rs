@@ -54,7 +54,9 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
     for (name, value) in &report.figures {
         let node = report.origins.get(name).and_then(|path| graph.instances.iter().find(|it| it.path == *path));
         // What is said of each camera, and a node's own bookkeeping, are for the file.
-        if is_for_the_file(graph, name) && !is_of_the_only_camera(graph, node, report.figures.keys(), name) {
+        let is_shown = is_of_the_only_camera(graph, node, report.figures.keys(), name)
+            || node.is_some_and(|it| is_result(graph, it, name));
+        if is_for_the_file(graph, name) && !is_shown {
             n_left_out += 1;
             continue;
         }
@@ -97,6 +99,17 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
 fn is_for_the_file(graph: &Graph, name: &str) -> bool {
     let last = name.rsplit('.').next().unwrap_or(name);
     name.contains('[') || is_kept_by_a_node(graph, name) || graph.calibration.index_of(last).is_some()
+}
+
+/// Whether a figure is what a node measured that gives out nothing: its result, and no bookkeeping.
+fn is_result(graph: &Graph, node: &Instance, name: &str) -> bool {
+    let is_of_all = !name.contains('[') && !of_camera(graph, name);
+    node.node_type.ports.outputs.is_empty() && is_kept_by(node, name) && is_of_all && is_measured(name)
+}
+
+/// Whether a figure is a length, an angle or a time, and no count.
+fn is_measured(name: &str) -> bool {
+    name.split('.').any(|part| UNITS.iter().any(|it| part.ends_with(it)))
 }
 
 fn is_kept_by_a_node(graph: &Graph, name: &str) -> bool {
@@ -204,6 +217,19 @@ mod tests {
         assert_eq!(split("body.error_mm.median"), ("body.error_mm", "median"));
         assert_eq!(split("body.completeness"), ("body.completeness", ""));
         assert_eq!(numbers(&[("max", 9.0), ("p95", 2.455), ("median", 0.915)]), "median 0.915   p95 2.455   max 9");
+    }
+
+    #[test]
+    fn lengths_and_angles_are_measured_and_counts_are_not() {
+        for (name, expected) in [
+            ("cylinder.radius_mm", true),
+            ("cylinder.radius_mm.spread", true),
+            ("clocks.miss_mrad.median", true),
+            ("cylinder.points", false),
+            ("gltf.frames", false),
+        ] {
+            assert_eq!(is_measured(name), expected, "{name}");
+        }
     }
 
     #[test]
