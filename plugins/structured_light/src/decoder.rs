@@ -39,6 +39,8 @@ const CHANGED_SHARE: f64 = 0.005;
 
 /// Where the finest stripes are too fine in more than this part of what the projector lights, it is told [–].
 const TOLD_SHARE: f64 = 0.5;
+/// … and where coarser stripes told more than this part of what the projector lights [–].
+const TOLD_FILLED: f64 = 0.15;
 
 /// Pictures that are named one by one.
 const NAMED: usize = 6;
@@ -339,8 +341,8 @@ impl Decoder {
             ..DecodeOptions::default()
         };
         let in_parts = TooFine::of(&code, &views, self.settings.min_contrast);
-        let (coordinates, in_parts) = self.coordinates(&code, &views, &axes, &options, in_parts, noise).map_err(one)?;
-        faults.extend(too_fine_in_words(&told_code, &whole, &in_parts));
+        let (coordinates, filled) = self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
+        faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),
@@ -419,17 +421,18 @@ impl Decoder {
         Ok(Map { map, white, lit, faults })
     }
 
-    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there; with what it does not resolve.
+    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there; with the part of what is lit that coarser bits alone told, of columns and rows.
     fn coordinates(
         &mut self,
         code: &StripeCode,
         views: &[ImageView<'_>],
         axes: &[Axis],
         options: &DecodeOptions,
-        too_fine: TooFine,
+        too_fine: &TooFine,
         noise: f64,
-    ) -> Result<(Coordinates, TooFine), String> {
-        let mut too_fine = too_fine;
+    ) -> Result<(Coordinates, [f64; 2]), String> {
+        let mut too_fine = too_fine.clone();
+        let mut n_filled = [0_usize; 2];
         let most = too_fine.overall().map(|it| it + COARSER);
         let mut all: Option<Coordinates> = None;
         // Levels that all pixels which want them have been tried with.
@@ -461,6 +464,7 @@ impl Decoder {
                     for at in (0..open.len()).filter(|it| open[*it]) {
                         all.values[axis][at] = found.values[axis][at];
                         all.sigmas[axis][at] = found.sigmas[axis][at];
+                        n_filled[axis] += usize::from(found.values[axis][at].is_finite());
                     }
                 }
             }
@@ -473,7 +477,8 @@ impl Decoder {
             let Some(coarser) = too_fine.coarser_where(all.size, most, is_open) else { break };
             tried = Some(std::mem::replace(&mut too_fine, coarser));
         }
-        Ok((all.unwrap_or_default(), too_fine))
+        let n_lit = self.decoded.contrast.iter().filter(|it| **it >= options.min_contrast).count().max(1);
+        Ok((all.unwrap_or_default(), n_filled.map(|it| it as f64 / n_lit as f64)))
     }
 
     fn of_bits(
@@ -496,7 +501,7 @@ impl Decoder {
 }
 
 /// Which bits are finer than the camera resolves, and where.
-fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine) -> Vec<String> {
+fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine, filled: [f64; 2]) -> Vec<String> {
     let one = |axis: Axis| {
         let at = axis.index();
         let dropped = whole.overall()[at];
@@ -511,8 +516,8 @@ fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine) -> 
                 axis.in_words()
             ));
         }
-        let share = in_parts.share(axis);
-        (share > TOLD_SHARE).then(|| {
+        let share = if in_parts.share(axis) > TOLD_SHARE { in_parts.share(axis) } else { filled[at] };
+        (share > TOLD_FILLED).then(|| {
             format!(
                 "in {:.0} % of what the projector lights, the finest stripes of the {} are finer than the camera resolves: coarser ones are used there; {help}",
                 100.0 * share,

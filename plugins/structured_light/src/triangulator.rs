@@ -75,6 +75,9 @@ impl Default for TriangulatorSettings {
 
 /// Pixels whose column and row do not belong together are told from this part on [–].
 const TOLD_MISFITS: f64 = 0.05;
+/// So many times as many points that are too vague as others are told, and are the end of a cloud: what is left then are accidents [–].
+const TOLD_VAGUE: f64 = 0.15;
+const MOST_VAGUE: f64 = 8.0;
 /// White pictures that wait for their map.
 const HELD: usize = 4;
 /// Poses of a head that wait for their map: as many as a set may have pictures, and again.
@@ -104,6 +107,8 @@ pub struct Triangulator {
     /// What is said of clouds.
     remarks: Vec<String>,
     vague: u64,
+    /// Standard deviations of those of the last map, over their distance [–].
+    too_vague: Vec<f32>,
     alone: u64,
     sigmas: f64,
 }
@@ -148,6 +153,7 @@ impl Node for Triangulator {
             refused: None,
             remarks: Vec::new(),
             vague: 0,
+            too_vague: Vec::new(),
             alone: 0,
             sigmas: 0.0,
         })
@@ -195,6 +201,7 @@ impl Node for Triangulator {
             }
             let white = white.as_deref().filter(|_| self.has_white);
             let before = [self.misfits, self.unmet, self.vague, self.alone];
+            self.too_vague.clear();
             let cloud = self.cloud(&map.value, map.time(), white, pose.as_deref());
             let now = [self.misfits, self.unmet, self.vague, self.alone];
             let [misfits, unmet, vague, alone] = [0, 1, 2, 3].map(|it| now[it] - before[it]);
@@ -202,12 +209,15 @@ impl Node for Triangulator {
             // Sets of pictures have names, maps of what moves do not: of these many come, and each may lack much.
             let is_set = !map.value.name.is_empty();
             let lost = if is_set { misfits + unmet } else { misfits };
-            if is_set && vague > points && vague > misfits + unmet {
-                self.points -= points;
-                let fault = too_vague(&map.value, vague, points);
-                self.refused.get_or_insert_with(|| fault.clone());
-                io.gap(&CLOUD, map.time(), fault);
-                continue;
+            if is_set && vague as f64 > TOLD_VAGUE * points as f64 && vague > misfits + unmet {
+                let fault = too_vague(&map.value, &mut self.too_vague, points);
+                if vague as f64 > MOST_VAGUE * points as f64 {
+                    self.points -= points;
+                    self.refused.get_or_insert_with(|| fault.clone());
+                    io.gap(&CLOUD, map.time(), fault);
+                    continue;
+                }
+                self.remarks.push(fault);
             }
             if is_set && misfits as f64 > TOLD_MISFITS * (misfits + points) as f64 && misfits <= points {
                 self.remarks.push(format!(
@@ -286,6 +296,7 @@ impl Triangulator {
                     self.misfits += 1;
                 } else if point.sigma > self.settings.max_sigma * point.depth {
                     self.vague += 1;
+                    self.too_vague.push((point.sigma / point.depth) as f32);
                 } else {
                     found[y * width + x] = Seen::new(&self.camera, &point);
                 }

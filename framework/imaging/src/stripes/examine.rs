@@ -34,6 +34,8 @@ pub struct Examination {
     unsure: Vec<(Axis, u32)>,
     /// Pictures of another exposure, with how many times as bright they are [–].
     uneven: Vec<(usize, f64)>,
+    /// Pictures under another light, with that taken off.
+    relit: Vec<(usize, Vec<u8>)>,
 }
 
 /// A set as it is to be decoded.
@@ -110,6 +112,9 @@ impl Examination {
         let taken = |what: Shown| -> Option<Cow<'a, [u8]>> {
             let picture = self.picture(code, what)?;
             let pixels = pictures.get(picture)?.pixels();
+            if let Some((_, relit)) = self.relit.iter().find(|it| it.0 == picture) {
+                return Some(Cow::Owned(relit.clone()));
+            }
             Some(match self.uneven.iter().find(|it| it.0 == picture) {
                 Some((_, factor)) => Cow::Owned(exposure::evened(pixels, *factor)),
                 None => Cow::Borrowed(pixels),
@@ -149,6 +154,8 @@ const REACH: usize = 3;
 const FAR: f64 = 0.1;
 /// Changes of a bit that say something.
 const MIN_CHANGES: usize = 30;
+/// Where a bit changes more often than this from one pixel to the next, its stripes are too narrow for rules that ask of the next pixel [–].
+const MOST_CHANGES: f64 = 0.45;
 /// A rule is broken in more than this part of the pixels [–].
 const BROKEN: f64 = 0.3;
 /// A picture is all bright (dark) that is not in less than this part of the pixels: of a wave it is 0.6 [–].
@@ -191,24 +198,66 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let n = code.pictures().len();
     // Where something is wrong with a whole set, its pictures may well stand in their places.
     let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
-    let places: Vec<Option<usize>> = if pictures.len() == n { natural() } else { found.places.clone() };
+    let is_whole = pictures.len() == n;
+    let places: Vec<Option<usize>> = if is_whole { natural() } else { found.places.clone() };
+    if is_whole && let Some(without) = in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places) {
+        return without;
+    }
     let uneven = exposure::uneven(code, pictures, &places, &lit);
     if uneven.is_empty() {
         return found;
     }
     let evened: Vec<(usize, Vec<u8>)> =
         uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect();
-    let mut views = pictures.to_vec();
-    for (at, pixels) in &evened {
-        let (width, height) = views[*at].size();
-        let Ok(view) = ImageView::new(pixels, width, height) else { return found };
-        views[*at] = view;
-    }
+    let Some(views) = replaced(pictures, &evened) else { return found };
     let (mut found, _) = look(code, &views, absent, min_contrast);
-    let told = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
-    found.faults.insert(0, SetFault::Uneven { pictures: told });
+    let told: Vec<(usize, f64)> = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
+    if !told.is_empty() {
+        found.faults.insert(0, SetFault::Uneven { pictures: told });
+    }
     found.uneven = uneven;
     found
+}
+
+/// The same of a set with all its pictures, without lights that were switched during it; `None` where there were none, or anything else is different from then on: other exposures and what moved.
+fn in_one_light(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+    found: &Examination,
+    lit: &[(usize, u8, u8)],
+    places: &[Option<usize>],
+) -> Option<Examination> {
+    let switched = |it: &SetFault| match *it {
+        SetFault::Moved { last, first, light: Some(by), .. } => Some(SetFault::Relit { last, first, by }),
+        _ => None,
+    };
+    let lights: Vec<SetFault> = found.faults.iter().filter_map(switched).collect();
+    if lights.is_empty() {
+        return None;
+    }
+    let stretches = stretches::scenes(code, pictures, places, lit, found.noise).stretches?;
+    let relit = stretches::relit(code, pictures, places, &stretches);
+    let views = replaced(pictures, &relit).filter(|_| !relit.is_empty())?;
+    let (mut without, lit) = look(code, &views, absent, min_contrast);
+    let is_moved = without.faults.iter().any(|it| matches!(it, SetFault::Moved { .. }));
+    if is_moved || !exposure::uneven(code, &views, places, &lit).is_empty() {
+        return None;
+    }
+    without.faults.splice(0..0, lights);
+    without.relit = relit;
+    Some(without)
+}
+
+/// Pictures with some of them replaced.
+fn replaced<'a>(pictures: &[ImageView<'a>], by: &'a [(usize, Vec<u8>)]) -> Option<Vec<ImageView<'a>>> {
+    let mut views = pictures.to_vec();
+    for (at, pixels) in by {
+        let (width, height) = views[*at].size();
+        views[*at] = ImageView::new(pixels, width, height).ok()?;
+    }
+    Some(views)
 }
 
 /// The same, with the exposures that pictures have, and the pixels that are lit.

@@ -122,6 +122,15 @@ pub enum SetFault {
         /// By how much all grew brighter, or darker where negative, where a light that was switched explains it [gray levels].
         light: Option<f64>,
     },
+    /// A light was switched between two pictures, and is taken off by calculation.
+    Relit {
+        /// The last picture before it.
+        last: usize,
+        /// The first one after it.
+        first: usize,
+        /// By how much all grew brighter, or darker where negative [gray levels].
+        by: f64,
+    },
     /// A picture shows its stripes on another scene than the others.
     OtherScene {
         /// Which.
@@ -260,6 +269,12 @@ impl fmt::Display for Found {
     }
 }
 
+/// What is said of a light that made all so much brighter.
+fn switched(by: f64) -> String {
+    let (way, than) = if by > 0.0 { ("on", "brighter") } else { ("off", "darker") };
+    format!("a light was switched {way}, or the exposure changed: all is {:.0} gray levels {than}", by.abs())
+}
+
 impl SetFault {
     /// Whether this axis cannot be decoded because of it; `needs_white` where nothing but white and black says what is lit.
     pub fn spoils(&self, axis: Axis, needs_white: bool) -> bool {
@@ -275,6 +290,7 @@ impl SetFault {
             | SetFault::Doubled { .. }
             | SetFault::OtherScene { .. }
             | SetFault::Moved { .. }
+            | SetFault::Relit { .. }
             | SetFault::Uneven { .. }
             | SetFault::WhiteIsBlack { .. }
             | SetFault::Dim { .. } => false,
@@ -412,16 +428,15 @@ impl SetFault {
                     list.join(", ")
                 )
             }
+            SetFault::Relit { last, first, by } => format!(
+                "between {} and {} {}, expected one light for the whole set: the difference is taken off by calculation",
+                name(*last),
+                name(*first),
+                switched(*by)
+            ),
             SetFault::Moved { last, first, used: [from, until], light } => {
-                let what = match light {
-                    None => "something moved: what is seen, the camera or the projector".to_owned(),
-                    Some(by) => format!(
-                        "a light was switched {}, or the exposure changed: all is {:.0} gray levels {}",
-                        if *by > 0.0 { "on" } else { "off" },
-                        by.abs(),
-                        if *by > 0.0 { "brighter" } else { "darker" }
-                    ),
-                };
+                let what = light
+                    .map_or_else(|| "something moved: what is seen, the camera or the projector".to_owned(), switched);
                 format!(
                     "between {} and {} {what}. {} to {} are used, which show one scene, and no other picture",
                     name(*last),

@@ -15,6 +15,8 @@ pub struct TooFine {
     columns: usize,
     /// Row by row; `None` where the projector lights too little.
     blocks: Vec<Option<[u32; 2]>>,
+    /// By block, of columns and rows: stripes of the finest bit are too narrow by so many bits to be resolved all over the block, however they look.
+    narrow: Vec<[u32; 2]>,
     overall: [u32; 2],
 }
 
@@ -34,6 +36,8 @@ const WEAKER: f64 = 0.7;
 const NOTHING: f64 = 0.15;
 /// A bit that changes more often than this from one pixel to the next is too fine, whatever its contrast [1/px].
 const TOO_OFTEN: f64 = 0.9;
+/// One that changes more often than this may be too fine here and there.
+const NARROW: f64 = 0.5;
 /// Bits that change as often as this are well resolved and tell how often finer ones do [1/px]; the next coarser one changes half as often, but for this factor [–].
 const RESOLVED: std::ops::RangeInclusive<f64> = 0.02..=0.15;
 const HALF: f64 = 1.6;
@@ -53,7 +57,7 @@ impl TooFine {
     /// Looks at `pictures`, which are as many as `code` has; pixels of less than `min_contrast` gray levels are not looked at. Codes of a phase shift need their
     /// finest bits, and none of theirs is too fine.
     pub fn of(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> TooFine {
-        let nothing = TooFine { columns: 1, blocks: Vec::new(), overall: [0; 2] };
+        let nothing = TooFine { columns: 1, blocks: Vec::new(), narrow: Vec::new(), overall: [0; 2] };
         let shown = code.pictures();
         let Some(first) = pictures.first().filter(|_| code.steps == 0 && pictures.len() == shown.len()) else {
             return nothing;
@@ -74,12 +78,16 @@ impl TooFine {
         let all = all_samples(&views, width, height, min_contrast);
         // Of few pixels not every block tells how wide stripes are.
         let everywhere = all.concat();
-        let too_often_everywhere = [0, 1].map(|axis| too_often(&bits[axis], &views, &everywhere, width));
-        for (block, samples) in blocks.iter_mut().zip(&all) {
+        let often_everywhere = [0, 1].map(|axis| how_often(&bits[axis], &views, &everywhere, width));
+        let too_often_everywhere = [0, 1].map(|axis| beyond(often_everywhere[axis], TOO_OFTEN, bits[axis].len()));
+        let mut narrow = vec![[0; 2]; blocks.len()];
+        for ((block, narrow), samples) in blocks.iter_mut().zip(&mut narrow).zip(&all) {
             if samples.len() >= MIN_SAMPLES {
                 *block = Some([0, 1].map(|axis| {
-                    let by_contrast = finest(&bits[axis], &views, samples);
-                    by_contrast.max(too_often(&bits[axis], &views, samples, width).min(too_often_everywhere[axis] + 1))
+                    let often = how_often(&bits[axis], &views, samples, width);
+                    narrow[axis] = beyond(often.or(often_everywhere[axis]), NARROW, bits[axis].len());
+                    let too_often = beyond(often, TOO_OFTEN, bits[axis].len());
+                    finest(&bits[axis], &views, samples).max(too_often.min(too_often_everywhere[axis] + 1))
                 }));
             }
         }
@@ -90,10 +98,10 @@ impl TooFine {
             let in_blocks = levels.get((levels.len() as f64 * FEW) as usize).copied().unwrap_or(0);
             in_blocks.max(too_often_everywhere[axis])
         });
-        TooFine { columns, blocks, overall }
+        TooFine { columns, blocks, narrow, overall }
     }
 
-    /// With one bit more of an axis too fine in blocks where pixels that the projector lights have no coordinate; `None` where there is no such block. `is_open` says of a pixel and an axis whether that is so, `None` where it is not
+    /// With one bit more of an axis too fine in blocks where pixels that the projector lights have no coordinate and stripes are so narrow that this may be why; `None` where there is no such block. `is_open` says of a pixel and an axis whether that is so, `None` where it is not
     /// lit. No more than `most` bits of an axis.
     pub fn coarser_where(
         &self,
@@ -114,10 +122,13 @@ impl TooFine {
             }
         }
         let mut coarser = self.clone();
-        for (block, counts) in coarser.blocks.iter_mut().zip(&counts) {
+        for ((block, narrow), counts) in coarser.blocks.iter_mut().zip(&self.narrow).zip(&counts) {
             for (axis, dropped) in block.iter_mut().flatten().enumerate() {
                 let [n, n_open] = counts[axis];
-                if n_open as f64 > UNDECODED * n as f64 && n_open > MIN_SAMPLES && *dropped < most[axis] {
+                if n_open as f64 > UNDECODED * n as f64
+                    && n_open > MIN_SAMPLES
+                    && *dropped < most[axis].min(narrow[axis])
+                {
                     *dropped += 1;
                 }
             }
@@ -192,8 +203,8 @@ fn finest(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)]) -
     if contrasts.get(dropped).is_some_and(|it| *it >= WEAK) { dropped as u32 } else { 0 }
 }
 
-/// How many of the finest bits, each with its pictures, change from nearly every pixel to the next.
-fn too_often(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)], width: usize) -> u32 {
+/// How often the finest bit changes from one pixel to the next, told by bits that are resolved [1/px].
+fn how_often(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)], width: usize) -> Option<f64> {
     let n_pixels = views.first().map_or(0, |it| it.len());
     // How often a bit changes to the right and downwards.
     let often = |pictures: &Vec<usize>| -> Option<f64> {
@@ -228,10 +239,15 @@ fn too_often(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)]
         let (often, coarser) = (all[plane].filter(|it| RESOLVED.contains(it))?, all[plane.checked_sub(1)?]?);
         (1.0 / HALF..=HALF).contains(&(often / (2.0 * coarser))).then_some((plane, often))
     };
-    let Some((plane, often)) = (0..bits.len()).rev().find_map(tells) else { return 0 };
-    let most = bits.len().saturating_sub(MIN_BITS);
-    let is_too_often = |it: &usize| often * 2_f64.powi((bits.len() - 1 - it) as i32 - plane as i32) > TOO_OFTEN;
-    (0..most).take_while(is_too_often).count() as u32
+    let (plane, often) = (0..bits.len()).rev().find_map(tells)?;
+    Some(often * 2_f64.powi((bits.len() - 1 - plane) as i32))
+}
+
+/// How many of the finest bits change more often than `most`, where the finest one does so `often`.
+fn beyond(often: Option<f64>, most: f64, n_bits: usize) -> u32 {
+    let dropped = (0..n_bits.saturating_sub(MIN_BITS))
+        .take_while(|it| often.is_some_and(|often| often * 0.5_f64.powi(*it as i32) > most));
+    dropped.count() as u32
 }
 
 #[cfg(test)]
@@ -328,7 +344,12 @@ mod tests {
     #[test]
     fn blocks_that_cannot_be_decoded_are_tried_with_coarser_stripes() {
         let code = StripeCode::gray([160, 120]);
-        let fine = found(&wall(1), &code, |_| ());
+        // Stripes 1.4 pixels wide in the wall's picture; those of the other wall are 3.3 wide.
+        let scene =
+            Scene { projector: |x, y| [300.0 + 1.4 * x + 0.2 * y, 250.0 + 1.4 * y - 0.2 * x], defocus: 0.4, ..wall(1) };
+        let fine = found(&scene, &StripeCode::gray([1024, 768]), |_| ());
+        let wide = found(&wall(1), &code, |_| ());
+        assert_eq!(wide.coarser_where([160, 120], [2, 2], |_, _| Some(true)), None);
         let open_left = |at: usize, axis: usize| Some(axis == 0 && at % 160 < 64 && at % 3 == 0);
         let coarser = fine.coarser_where([160, 120], [2, 2], open_left).unwrap();
         assert_eq!((coarser.at(10, 10), coarser.at(100, 10), coarser.at(10, 100)), ([1, 0], [0, 0], [1, 0]));

@@ -18,6 +18,9 @@ const SPREAD: f64 = 0.4;
 const BLOCKS: usize = 8;
 /// A light makes all brighter, but for so many of the pixels that differ: what moves makes as many darker [–].
 const OTHER_WAY: f64 = 0.03;
+/// Opposite pictures differ by as much in all stretches, in the median, where these have one exposure: fine stripes by somewhat less [–]; what differs by less than so many gray levels does not count.
+const SAME_EXPOSURE: std::ops::RangeInclusive<f32> = 0.92..=1.08;
+const SEEN: u8 = 20;
 /// Sums that a stretch needs to be one.
 const MIN_SUMS: usize = 2;
 /// A gray level that may be cut off.
@@ -169,6 +172,76 @@ fn light(sums: &[Sum], stretches: [&Vec<usize>; 2], noise: f64) -> Option<f64> {
     let is_one_way = n_darker.min(1.0 - n_darker) <= OTHER_WAY;
     // Two pictures make a sum.
     off.get(off.len() / 2).filter(|_| is_one_way).map(|it| it / 2.0)
+}
+
+/// The pictures of other stretches than the one that is kept, as they would be without the light that was switched; none where anything else is different between stretches.
+pub(super) fn relit(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    stretches: &Stretches,
+) -> Vec<(usize, Vec<u8>)> {
+    if !stretches.light.iter().all(Option::is_some) {
+        return Vec::new();
+    }
+    // Pictures that are of no pair go with those before them.
+    let firsts: Vec<usize> = stretches.pictures.iter().map(|it| it[0]).collect();
+    let of = |picture: usize| firsts.partition_point(|it| *it <= picture).saturating_sub(1);
+    let listed =
+        |picture: usize| stretches.pictures.iter().position(|it| it.contains(&picture)).unwrap_or_else(|| of(picture));
+    let shown = code.pictures();
+    let place = |what: &Shown| shown.iter().position(|it| it == what).and_then(|it| places[it]);
+    let other = |what: &Shown| match *what {
+        Shown::Bit { axis, plane, inverse: false } => Some(Shown::Bit { axis, plane, inverse: true }),
+        Shown::White => Some(Shown::Black),
+        Shown::Bit { .. } | Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => None,
+    };
+    let pairs = shown.iter().filter_map(|it| Some([place(it)?, place(&other(it)?)?]));
+    let pairs: Vec<[usize; 2]> = pairs.filter(|it| listed(it[0]) == listed(it[1])).collect();
+    let n = pictures.first().map_or(0, |it| it.pixels().len());
+    // Half of the mean sum of two opposite pictures, by stretch.
+    let mean = |stretch: usize| {
+        let (mut sums, mut n_pairs) = (vec![0_u32; n], 0_u32);
+        for [a, b] in pairs.iter().filter(|it| listed(it[0]) == stretch) {
+            n_pairs += 1;
+            let both = pictures[*a].pixels().iter().zip(pictures[*b].pixels());
+            sums.iter_mut().zip(both).for_each(|(sum, (a, b))| *sum += u32::from(*a) + u32::from(*b));
+        }
+        sums.iter().map(|it| *it as f32 / (2 * n_pairs.max(1)) as f32).collect::<Vec<f32>>()
+    };
+    // A light adds the same to opposite pictures; another exposure changes their difference.
+    let difference = |stretch: usize| {
+        let mut largest = vec![0_u8; n];
+        for [a, b] in pairs.iter().filter(|it| listed(it[0]) == stretch) {
+            let both = pictures[*a].pixels().iter().zip(pictures[*b].pixels());
+            largest.iter_mut().zip(both).for_each(|(largest, (a, b))| *largest = (*largest).max(a.abs_diff(*b)));
+        }
+        largest
+    };
+    let by_kept = difference(stretches.kept);
+    let is_exposed = |stretch: usize| {
+        let there = difference(stretch);
+        let seen = (0..n).filter(|it| by_kept[*it] >= SEEN && there[*it] >= SEEN);
+        let mut ratios: Vec<f32> = seen.map(|it| f32::from(there[it]) / f32::from(by_kept[it])).collect();
+        let middle = ratios.len() / 2;
+        ratios.len() < 2 || !SAME_EXPOSURE.contains(ratios.select_nth_unstable_by(middle, f32::total_cmp).1)
+    };
+    if (0..firsts.len()).any(|it| it != stretches.kept && is_exposed(it)) {
+        return Vec::new();
+    }
+    let kept = mean(stretches.kept);
+    let mut found = Vec::new();
+    for stretch in (0..firsts.len()).filter(|it| *it != stretches.kept) {
+        let off: Vec<f32> = mean(stretch).iter().zip(&kept).map(|(there, kept)| there - kept).collect();
+        for picture in places.iter().flatten().copied().filter(|it| listed(*it) == stretch) {
+            let pixels = pictures[picture].pixels().iter().zip(&off);
+            let without = |(level, off): (&u8, &f32)| {
+                if *level >= SATURATED { *level } else { (f32::from(*level) - off).round() as u8 }
+            };
+            found.push((picture, pixels.map(without).collect()));
+        }
+    }
+    found
 }
 
 /// Part of the pixels in which two sums differ; 0 where they do in a few blocks of the picture alone [–].

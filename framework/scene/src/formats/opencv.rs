@@ -11,7 +11,7 @@
 //! | image | `image_width` and `image_height`, or `image_size`, `imageSize` | the same |
 //!
 //! A camera and a projector are a pair, too: `cam_K`, `cam_kc`, `proj_K`, `proj_kc`, `R`, `T` of Brown University's scanner (Moreno and Taubin) and what is
-//! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_` before them.
+//! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_`, or `camera_` and `projector_`, before them.
 //! They become `camera` and `projector`. `img_shape` (rows, columns) is the camera's picture. Other sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
 //!
 //! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are looked for in `extrinsics` beside it.
@@ -30,8 +30,8 @@ use crate::calibration::{
     Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
 };
 
-const MATRIX: [&str; 8] =
-    ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic", "int"];
+const MATRIX: [&str; 9] =
+    ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic", "int", "matrix"];
 const LENS: [&str; 11] = [
     "distortion_coefficients",
     "DistortionCoeffs",
@@ -47,6 +47,8 @@ const LENS: [&str; 11] = [
 ];
 /// What stands before the names of a camera and a projector.
 const CAMERA_AND_PROJECTOR: [&str; 2] = ["cam", "proj"];
+/// The same in full: `camera_matrix` alone is that of one camera.
+const IN_FULL: [&str; 2] = ["camera", "projector"];
 // `roration` is what `kamino410/procam-calibration` writes.
 const TURN: [&str; 7] = ["R", "Rotation", "rotation", "rotation_matrix", "rvec", "rotationMatrix", "roration"];
 const SHIFT: [&str; 6] = ["T", "Translation", "translation", "translation_vector", "tvec", "translationVector"];
@@ -174,9 +176,13 @@ impl<'a> Reader<'a> {
             let names: Vec<String> = names.iter().map(|it| format!("{it}{joint}{suffix}")).collect();
             self.storage.get(&names.iter().map(String::as_str).collect::<Vec<_>>())
         };
-        if CAMERA_AND_PROJECTOR.contains(&suffix) {
-            let names: Vec<String> = names.iter().map(|it| format!("{suffix}_{it}")).collect();
-            return self.storage.get(&names.iter().map(String::as_str).collect::<Vec<_>>());
+        if let Some(which) = CAMERA_AND_PROJECTOR.iter().position(|it| *it == suffix) {
+            let after = |prefix: &str, names: &[&str]| {
+                let names: Vec<String> = names.iter().map(|it| format!("{prefix}_{it}")).collect();
+                self.storage.get(&names.iter().map(String::as_str).collect::<Vec<_>>())
+            };
+            let is_in_full = || after(IN_FULL[1], &MATRIX).is_some();
+            return after(suffix, names).or_else(|| after(IN_FULL[which], names).filter(|_| is_in_full()));
         }
         with("").or_else(|| with("_"))
     }
@@ -295,7 +301,13 @@ impl<'a> Reader<'a> {
             }
             (None, Some((entry, _))) => return self.report(Some(entry), "a size that is no list".into(), expected),
             (None, None) => {
-                let given = if is_projector { self.options.projector_size } else { self.options.image_size };
+                let of_projector = self.options.projector_size;
+                let given = match suffix {
+                    _ if is_projector => of_projector,
+                    // The second of a pair may be a projector.
+                    "2" => of_projector.or(self.options.image_size),
+                    _ => self.options.image_size,
+                };
                 return given.or_else(|| {
                     if is_projector {
                         let found = "no size of the projector (proj_size)".into();

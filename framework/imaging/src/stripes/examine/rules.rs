@@ -4,7 +4,10 @@ use super::super::code::{Axis, Inverse, Shown, StripeCode};
 use super::super::faults::{Found, SetFault};
 use super::super::identify::Samples;
 use super::super::stretches;
-use super::{ALIKE, BEYOND, BROKEN, CLEARLY, FAR, MIN_CHANGES, NO_WAVE, NOISE_SUM, OTHER_EXPOSURE, REACH, SATURATED};
+use super::{
+    ALIKE, BEYOND, BROKEN, CLEARLY, FAR, MIN_CHANGES, MOST_CHANGES, NO_WAVE, NOISE_SUM, OTHER_EXPOSURE, REACH,
+    SATURATED,
+};
 use crate::ImageView;
 
 /// A pixel: its place, its bits, and those of them that are certain.
@@ -262,6 +265,7 @@ impl Set<'_> {
             (at, ones, certain)
         };
         let pixels: Vec<Read> = self.lit.iter().map(read).collect();
+        let is_wide = self.wide(&pixels, bits);
         // By bit, next to each other and further apart: how often it is as it should be and as it should not where a coarser one changes.
         let mut right = vec![[[0_usize; 2]; 2]; bits];
         let mut compare = |a: &Read, b: &Read, between: &[u32]| {
@@ -307,7 +311,26 @@ impl Set<'_> {
             let both = [near[0] + far[0], near[1] + far[1]];
             rate(near).or_else(|| rate(&both).filter(|it| !(FAR..=1.0 - FAR).contains(it)))
         };
-        (right.iter().map(judge).collect(), pixels)
+        let rates = right.iter().zip(is_wide).map(|(counts, is_wide)| judge(counts).filter(|_| is_wide));
+        (rates.collect(), pixels)
+    }
+
+    /// By bit whether its stripes are so much wider than pixels that the next pixel beside a change of another bit is within the same stripe.
+    fn wide(&self, pixels: &[Read], bits: usize) -> Vec<bool> {
+        let mut counts = vec![[[0_usize; 2]; 2]; bits];
+        for (index, (at, ones, certain)) in pixels.iter().enumerate() {
+            let to_the_right = pixels.get(index + 1).filter(|it| it.0 == at + 1 && it.0 % self.width != 0);
+            let below = pixels.binary_search_by_key(&(at + self.width), |it| it.0).ok().map(|it| &pixels[it]);
+            for (direction, other) in [to_the_right, below].into_iter().enumerate() {
+                let Some((_, other, also)) = other else { continue };
+                for (plane, counts) in counts.iter_mut().enumerate().filter(|it| (certain & also) >> it.0 & 1 == 1) {
+                    counts[direction][0] += 1;
+                    counts[direction][1] += (ones ^ other) as usize >> plane & 1;
+                }
+            }
+        }
+        let is_wide = |[n, n_changes]: &[usize; 2]| *n_changes as f64 <= MOST_CHANGES * *n as f64;
+        counts.iter().map(|it| it.iter().all(is_wide)).collect()
     }
 
     /// What the changes of coarser bits say about finer ones, and stripes that cannot be.

@@ -43,6 +43,20 @@ fn a_camera_and_its_projector_are_read_under_their_names() {
     let text = other.iter().fold(BROWN.to_owned(), |text, (from, to)| text.replace(from, to));
     let text = text.replace("\nR:", "\nrotation:").replace("\nT:", "\ntranslation:");
     assert_eq!(load(&text, &sizes()).unwrap().camera("projector"), Some(projector));
+    let in_full = [
+        ("cam_K", "camera_matrix"),
+        ("cam_kc", "camera_dist"),
+        ("proj_K", "projector_matrix"),
+        ("proj_kc", "projector_dist"),
+    ];
+    let text = in_full.iter().fold(BROWN.to_owned(), |text, (from, to)| text.replace(from, to));
+    let read = load(&text, &sizes()).unwrap();
+    assert_eq!((read.camera("camera"), read.camera("projector")), (Some(camera), Some(projector)));
+    // A pair whose second camera is a projector.
+    let numbered = [("cam_K", "M1"), ("cam_kc", "D1"), ("proj_K", "M2"), ("proj_kc", "D2")];
+    let text = numbered.iter().fold(BROWN.to_owned(), |text, (from, to)| text.replace(from, to));
+    let read = load(&text, &sizes()).unwrap();
+    assert_eq!(["cam1", "cam2"].map(|it| read.camera(it).unwrap().image_size), [[1280, 1024], [1024, 768]]);
 }
 
 #[test]
