@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Once;
 
-/// The program as cargo builds it alone, once for all tests: made together with the whole workspace its packages have other features, and
-/// libraries that `foveate plugin build` makes are for another program.
+/// The program as cargo builds it alone, once for all tests: were it made together with a workspace whose tests ask other features of its packages,
+/// libraries that `foveate plugin build` makes would be for another program. (The workspace's `Cargo.toml` names such features for all, so that nothing is built twice.)
 fn built_alone() {
     static BUILT: Once = Once::new();
     BUILT.call_once(|| {
