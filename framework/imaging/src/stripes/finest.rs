@@ -350,7 +350,7 @@ mod tests {
         let fine = found(&scene, &StripeCode::gray([1024, 768]), |_| ());
         let wide = found(&wall(1), &code, |_| ());
         assert_eq!(wide.coarser_where([160, 120], [2, 2], |_, _| Some(true)), None);
-        let open_left = |at: usize, axis: usize| Some(axis == 0 && at % 160 < 64 && at % 3 == 0);
+        let open_left = |at: usize, axis: usize| Some(axis == 0 && at % 160 < 64 && at.is_multiple_of(3));
         let coarser = fine.coarser_where([160, 120], [2, 2], open_left).unwrap();
         assert_eq!((coarser.at(10, 10), coarser.at(100, 10), coarser.at(10, 100)), ([1, 0], [0, 0], [1, 0]));
         assert_eq!(coarser.coarser_where([160, 120], [1, 1], open_left), None);
