@@ -52,6 +52,8 @@ const SCARCE: f64 = 0.25;
 const OFF_WAVE: f64 = 0.2;
 /// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
 const NOISY: f64 = 0.6;
+/// A camera that blurs by more than this is told to be out of focus, standard deviation [px].
+const OUT_OF_FOCUS: f64 = 1.2;
 
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -343,6 +345,7 @@ impl Decoder {
         let in_parts = TooFine::of(&code, &views, self.settings.min_contrast);
         let (coordinates, filled) = self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
+        faults.extend(out_of_focus_in_words(coordinates.blur));
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),
@@ -526,6 +529,16 @@ fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine, fil
         })
     };
     Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
+}
+
+/// What is said of a camera that blurs by a standard deviation of `sigma` px.
+fn out_of_focus_in_words(sigma: f64) -> Option<String> {
+    (sigma > OUT_OF_FOCUS).then(|| {
+        format!(
+            "the camera is out of focus: edges of the surface's colours are blurred by a standard deviation of {sigma:.1} px, expected below 1: places near such edges are put right as far as they can be, and rims \
+             of surfaces and of shadows are left out"
+        )
+    })
 }
 
 /// What is said of phase steps that do not stand as stated.

@@ -8,6 +8,7 @@
 //! 3. A pixel whose plane is not in the stripe that it was decoded to, or does not fit, lies at a discontinuity and is left out.
 
 use super::code::{Axis, Shown, StripeCode};
+use super::defocus::Defocus;
 use super::gray::{Decoded, NONE, same_size};
 use crate::{ImageView, ImagingError};
 
@@ -39,6 +40,8 @@ pub struct Coordinates {
     pub values: [Vec<f32>; 2],
     /// Their standard deviations, NaN where there is none [px].
     pub sigmas: [Vec<f32>; 2],
+    /// Blur of the camera, standard deviation; a sharp one's is 0.5, as is that of one on whose pictures nothing tells it [px].
+    pub blur: f64,
 }
 
 /// A boundary of two stripes in the camera's picture.
@@ -77,8 +80,125 @@ const SHARED: f64 = 0.3;
 /// No coordinate is known better than this, over the slope [px].
 const LEAST_SIGMA: f64 = 0.015;
 
+/// Blur of an edge from −1 to 1 times its slope: √(2 / π).
+const OF_A_SLOPE: f64 = 0.797_884_560_802_865;
+
+/// Every so many rows and columns boundaries tell how blurred they are.
+const SAMPLED: usize = 4;
+
 /// The picture of a bit and its inverse.
 type Pair<'a> = (&'a [u8], Option<&'a [u8]>);
+
+/// What boundaries of one axis are placed by.
+struct Stripes<'a> {
+    decoded: &'a Decoded,
+    stripes: &'a [u16],
+    /// By plane: the picture and its inverse, or twice the picture less white and black.
+    pairs: Vec<Option<Pair<'a>>>,
+    white: Option<&'a [u8]>,
+    black: Option<&'a [u8]>,
+    /// Boundaries before the first stripe of the code.
+    first: u32,
+}
+
+/// A boundary between two neighbouring pixels.
+struct Between {
+    /// Which one, of the code.
+    number: u32,
+    /// How far from the first pixel to the second [px].
+    part: f64,
+    /// How much the difference of picture and inverse, over white − black, changes from one to the other [–].
+    change: f64,
+}
+
+impl<'a> Stripes<'a> {
+    fn new(
+        code: &StripeCode,
+        pictures: &'a [ImageView<'_>],
+        decoded: &'a Decoded,
+        axis: Axis,
+    ) -> Result<Stripes<'a>, ImagingError> {
+        same_size(code, pictures)?;
+        let index = axis.index();
+        let shown = code.pictures();
+        let picture = |what: Shown| shown.iter().position(|it| *it == what).map(|it| pictures[it].pixels());
+        let pairs = (0..code.bits[index])
+            .map(|plane| {
+                let lit = picture(Shown::Bit { axis, plane, inverse: false })?;
+                Some((lit, picture(Shown::Bit { axis, plane, inverse: true })))
+            })
+            .collect();
+        Ok(Stripes {
+            decoded,
+            stripes: &decoded.stripes[index],
+            pairs,
+            white: picture(Shown::White),
+            black: picture(Shown::Black),
+            first: code.offset[index] / code.stripe[index],
+        })
+    }
+
+    fn difference(&self, plane: usize, at: usize) -> f64 {
+        let Some((lit, unlit)) = self.pairs[plane] else { return f64::NAN };
+        let lit = f64::from(lit[at]);
+        let difference = match (unlit, self.white, self.black) {
+            (Some(unlit), ..) => lit - f64::from(unlit[at]),
+            (None, Some(white), Some(black)) => 2.0 * lit - f64::from(white[at]) - f64::from(black[at]),
+            (None, ..) => f64::NAN,
+        };
+        difference / f64::from(self.decoded.contrast[at].max(1))
+    }
+
+    /// Boundaries between two neighbouring pixels.
+    fn between(&self, from: usize, to: usize) -> impl Iterator<Item = Between> {
+        let (a, b) = (self.stripes[from], self.stripes[to]);
+        let (contrast, other) = (self.decoded.contrast[from], self.decoded.contrast[to]);
+        // Where bright meets dark each pixel is a mixture of both, and the boundary is not where the line says.
+        let is_even = f64::from(contrast.max(other)) <= MAX_RATIO * f64::from(contrast.min(other));
+        // Two boundaries between two pixels are of different bits, and each can be placed; more cannot be told from a step.
+        let numbers = if is_even && a != NONE && b != NONE && a.abs_diff(b) <= 2 {
+            u32::from(a.min(b)) + 1..u32::from(a.max(b)) + 1
+        } else {
+            0..0
+        };
+        numbers.filter_map(move |number| {
+            let number = number + self.first;
+            let plane = self.pairs.len().checked_sub(1 + number.trailing_zeros() as usize)?;
+            let (before, after) = (self.difference(plane, from), self.difference(plane, to));
+            let part = before / (before - after);
+            (0.0..=1.0).contains(&part).then_some(Between { number, part, change: (before - after).abs() })
+        })
+    }
+
+    /// How far out of focus the camera is.
+    fn defocus(&self, noise: f64) -> Defocus {
+        let [width, height] = self.decoded.size;
+        let mut blurred = Vec::new();
+        for at in (0..height).step_by(SAMPLED).flat_map(|y| (0..width).step_by(SAMPLED).map(move |x| y * width + x)) {
+            if at % width + 1 < width {
+                blurred.extend(self.between(at, at + 1).map(|it| OF_A_SLOPE / it.change));
+            }
+            if at + width < width * height {
+                blurred.extend(self.between(at, at + width).map(|it| OF_A_SLOPE / it.change));
+            }
+        }
+        Defocus::of(&self.decoded.contrast, self.decoded.size, noise, blurred)
+    }
+}
+
+/// How far out of focus the camera is, of a set of `pictures` as `code` says, by the stripes of `axis`; `noise`: of its gray levels, standard deviation.
+///
+/// # Errors
+/// A set of pictures that is not as `code` says.
+pub fn defocus(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    decoded: &Decoded,
+    axis: Axis,
+    noise: f64,
+) -> Result<Defocus, ImagingError> {
+    Ok(Stripes::new(code, pictures, decoded, axis)?.defocus(noise))
+}
 
 /// All boundaries of the stripes of `axis`, row by row, in a row ascending by `x`; with, by row, where it begins, and the end.
 ///
@@ -91,55 +211,31 @@ pub fn boundaries(
     axis: Axis,
     noise: f64,
 ) -> Result<(Vec<Boundary>, Vec<usize>), ImagingError> {
-    same_size(code, pictures)?;
-    let ([width, height], index) = (decoded.size, axis.index());
-    let stripes = &decoded.stripes[index];
-    let (shown, bits) = (code.pictures(), code.bits[index]);
-    let picture = |what: Shown| shown.iter().position(|it| *it == what).map(|it| pictures[it].pixels());
-    // By plane: the picture and its inverse, or twice the picture less white and black.
-    let pairs: Vec<Option<Pair<'_>>> = (0..bits)
-        .map(|plane| {
-            let lit = picture(Shown::Bit { axis, plane, inverse: false })?;
-            Some((lit, picture(Shown::Bit { axis, plane, inverse: true })))
-        })
-        .collect();
-    let (white, black) = (picture(Shown::White), picture(Shown::Black));
-    let (stripe_width, offset) = (code.stripe[index], code.offset[index]);
-    let first = offset / stripe_width;
-    let difference = |plane: usize, at: usize| -> f64 {
-        let Some((lit, unlit)) = pairs[plane] else { return f64::NAN };
-        let lit = f64::from(lit[at]);
-        let difference = match (unlit, white, black) {
-            (Some(unlit), ..) => lit - f64::from(unlit[at]),
-            (None, Some(white), Some(black)) => 2.0 * lit - f64::from(white[at]) - f64::from(black[at]),
-            (None, ..) => f64::NAN,
-        };
-        difference / f64::from(decoded.contrast[at].max(1))
-    };
+    let all = Stripes::new(code, pictures, decoded, axis)?;
+    let defocus = all.defocus(noise);
+    Ok(placed(&all, code, axis, noise, &defocus))
+}
+
+fn placed(
+    all: &Stripes<'_>,
+    code: &StripeCode,
+    axis: Axis,
+    noise: f64,
+    defocus: &Defocus,
+) -> (Vec<Boundary>, Vec<usize>) {
+    let decoded = all.decoded;
+    let [width, height] = decoded.size;
+    let (stripe_width, offset) = (code.stripe[axis.index()], code.offset[axis.index()]);
     let (mut list, mut starts) = (Vec::new(), Vec::with_capacity(height + 1));
     let between = |from: usize, to: usize, down: bool, list: &mut Vec<Boundary>| {
-        let (a, b) = (stripes[from], stripes[to]);
-        // Where bright meets dark each pixel is a mixture of both, and the boundary is not where the line says.
-        let (contrast, other) = (decoded.contrast[from], decoded.contrast[to]);
-        if f64::from(contrast.max(other)) > MAX_RATIO * f64::from(contrast.min(other)) {
-            return;
-        }
-        // Two boundaries between two pixels are of different bits, and each can be placed; more cannot be told from a step.
-        if a == b || a == NONE || b == NONE || a.abs_diff(b) > 2 {
-            return;
-        }
-        for number in a.min(b) + 1..=a.max(b) {
-            let number = u32::from(number) + first;
-            let Some(plane) = bits.checked_sub(1 + number.trailing_zeros()) else { continue };
-            let (before, after) = (difference(plane as usize, from), difference(plane as usize, to));
-            let part = before / (before - after);
-            if !(0.0..=1.0).contains(&part) {
-                continue;
-            }
+        for Between { number, part, change } in all.between(from, to) {
             let weakest = f64::from(decoded.contrast[from].min(decoded.contrast[to]).max(1));
-            let along = noise * std::f64::consts::SQRT_2 / weakest * part.hypot(1.0 - part) / (before - after).abs();
-            let (x, y) = ((from % width) as f64, (from / width) as f64);
-            let (x, y) = if down { (x, y + part) } else { (x + part, y) };
+            let along = noise * std::f64::consts::SQRT_2 / weakest * part.hypot(1.0 - part) / change;
+            let place = [from % width, from / width];
+            let line = if down { (height, width) } else { (width, 1) };
+            let drawn = defocus.drawn(&decoded.contrast, from, place[usize::from(down)], line, OF_A_SLOPE / change);
+            let (x, y) = (place[0] as f64, place[1] as f64);
+            let (x, y) = if down { (x, y + part + drawn) } else { (x + part + drawn, y) };
             let at = f64::from(number * stripe_width) - 0.5 - f64::from(offset);
             list.push(Boundary { x: x as f32, y: y as f32, at: at as f32, sigma: along.hypot(BEST_SIGMA) as f32 });
         }
@@ -159,7 +255,7 @@ pub fn boundaries(
         list[row..].sort_by(|a, b| a.x.total_cmp(&b.x));
     }
     starts.push(list.len());
-    Ok((list, starts))
+    (list, starts)
 }
 
 /// The projector coordinate of each camera pixel from the boundaries around it.
@@ -199,7 +295,10 @@ pub fn coordinates_where(
             (found.values[index], found.sigmas[index]) = (values, sigmas);
             continue;
         }
-        let (list, starts) = boundaries(code, pictures, decoded, axis, options.noise)?;
+        let all = Stripes::new(code, pictures, decoded, axis)?;
+        let defocus = all.defocus(options.noise);
+        found.blur = found.blur.max(defocus.sigma);
+        let (list, starts) = placed(&all, code, axis, options.noise, &defocus);
         let lit = decoded.stripes[index].iter().filter(|it| **it != NONE).count();
         let reach = match options.reach {
             0 => ((1.5 * lit as f64 / list.len().max(1) as f64).ceil() as usize).clamp(2, 24),
@@ -223,6 +322,7 @@ pub fn coordinates_where(
                 }
             }
         });
+        defocus.settle(&mut values, &mut sigmas, &decoded.contrast, decoded.size, false);
         (found.values[index], found.sigmas[index]) = (values, sigmas);
     }
     Ok(found)

@@ -22,6 +22,7 @@
 
 pub mod boundary;
 pub mod code;
+pub mod defocus;
 pub mod edges;
 pub mod examine;
 mod explain;
@@ -39,6 +40,7 @@ mod scene;
 mod stretches;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
+pub use defocus::Defocus;
 pub use edges::{Coordinates, EdgeOptions};
 pub use examine::{Examination, Prepared, examine};
 pub use faults::SetFault;

@@ -15,7 +15,7 @@
 //! often phases come: H. Guo, H. He, M. Chen, "Gamma correction for digital fringe projection profilometry", Applied Optics 43(14), 2004.
 
 use super::code::{Axis, Shown, StripeCode};
-use super::edges::Coordinates;
+use super::edges::{Coordinates, defocus};
 use super::gray::{Decoded, NONE, same_size};
 use crate::{ImageView, ImagingError};
 
@@ -139,6 +139,9 @@ pub fn coordinates(
         for at in mixed(&values, &sigmas, decoded) {
             (values[at], sigmas[at]) = (f32::NAN, f32::NAN);
         }
+        let defocus = defocus(code, pictures, decoded, axis, options.noise)?;
+        found.blur = found.blur.max(defocus.sigma);
+        defocus.settle(&mut values, &mut sigmas, &decoded.contrast, decoded.size, true);
         (found.values[axis.index()], found.sigmas[axis.index()]) = (values, sigmas);
     }
     Ok(Phases { coordinates: found, steps: ways, off_wave: off as f64 / strong.max(1) as f64 })

@@ -31,6 +31,8 @@ pub(super) struct Scene {
     pub ambient: f64,
     /// Of the projector's light on white [gray levels].
     pub gain: f64,
+    /// Of the camera's picture, standard deviation [px].
+    pub blur: f64,
     /// The camera's response: gray = 255 (light / 255)^(1 / gamma) [–].
     pub gamma: f64,
     pub seed: u64,
@@ -52,6 +54,7 @@ pub(super) fn wall(seed: u64) -> Scene {
         noise: 1.0,
         ambient: 14.0,
         gain: 180.0,
+        blur: 0.0,
         gamma: 1.0,
         seed,
     }
@@ -91,7 +94,7 @@ impl Scene {
             self.ambient * albedo + self.gain * albedo * (direct + (self.global)(x, y) * mean)
         };
         let [width, height] = self.size;
-        let mut pixels = Vec::with_capacity(width * height);
+        let mut lights = Vec::with_capacity(width * height);
         for y in 0..height {
             for x in 0..width {
                 let mut sum = 0.0;
@@ -100,27 +103,40 @@ impl Scene {
                     let offset = |it: usize| (it as f64 + 0.5) / SAMPLES as f64 - 0.5;
                     sum += light(x as f64 + offset(sample % SAMPLES), y as f64 + offset(sample / SAMPLES));
                 }
-                let light = (sum / (SAMPLES * SAMPLES) as f64).min(255.0);
-                let gray = 255.0 * (light / 255.0).powf(1.0 / self.gamma) + self.noise * chance.normal();
-                pixels.push(gray.round().clamp(0.0, 255.0) as u8);
+                lights.push(sum / (SAMPLES * SAMPLES) as f64);
             }
         }
-        pixels
+        let lights = if self.blur > 0.0 {
+            smoothed(&lights, width, height, self.blur, (3.0 * self.blur).ceil() as usize)
+        } else {
+            lights
+        };
+        let gray = |light: &f64| {
+            let gray = 255.0 * (light.min(255.0) / 255.0).powf(1.0 / self.gamma) + self.noise * chance.normal();
+            gray.round().clamp(0.0, 255.0) as u8
+        };
+        lights.iter().map(gray).collect()
     }
 }
 
 /// A projector's picture out of focus, 0 to 1; each of its pixels is an even square.
 fn blurred(shown: &[u8], columns: usize, rows: usize, sigma: f64, power: f64) -> Vec<f64> {
-    let kernel: Vec<f64> = (-3..=3).map(|it| (-0.5 * (f64::from(it) / sigma.max(0.05)).powi(2)).exp()).collect();
+    let light: Vec<f64> = shown.iter().map(|it| (f64::from(*it) / 255.0).powf(power)).collect();
+    smoothed(&light, columns, rows, sigma, 3)
+}
+
+/// By a Gaussian that ends `reach` pixels from its middle; beyond the ends it is as at the ends.
+fn smoothed(light: &[f64], columns: usize, rows: usize, sigma: f64, reach: usize) -> Vec<f64> {
+    let tap = |it: usize| (-0.5 * ((it as f64 - reach as f64) / sigma.max(0.05)).powi(2)).exp();
+    let kernel: Vec<f64> = (0..=2 * reach).map(tap).collect();
     let sum: f64 = kernel.iter().sum();
     let along = |from: &[f64], step: usize, n: usize, at: usize, place: usize| -> f64 {
         let tap = |(k, weight): (usize, &f64)| {
-            let other = (place + k).saturating_sub(3).min(n - 1);
+            let other = (place + k).saturating_sub(reach).min(n - 1);
             weight / sum * from[at + other * step - place * step]
         };
         kernel.iter().enumerate().map(tap).sum()
     };
-    let start: Vec<f64> = shown.iter().map(|it| (f64::from(*it) / 255.0).powf(power)).collect();
-    let across: Vec<f64> = (0..start.len()).map(|at| along(&start, 1, columns, at, at % columns)).collect();
-    (0..start.len()).map(|at| along(&across, columns, rows, at, at / columns)).collect()
+    let across: Vec<f64> = (0..light.len()).map(|at| along(light, 1, columns, at, at % columns)).collect();
+    (0..light.len()).map(|at| along(&across, columns, rows, at, at / columns)).collect()
 }

@@ -123,3 +123,28 @@ fn a_set_that_is_none_gives_no_map_and_says_why() {
     let (map, said) = run(PatternPictures { manifest, ..set(&code) });
     assert!(map.is_none() && said.contains("odrer"), "{said}");
 }
+
+#[test]
+fn a_camera_out_of_focus_is_told_where_colours_have_edges() {
+    let code = StripeCode::gray([64, 48]);
+    let [width, height] = [64 * SCALE, 48 * SCALE];
+    let told = |times: usize| {
+        let mut set = set(&code);
+        for picture in set.pixels.chunks_exact_mut(PIXELS) {
+            let mut light: Vec<f64> = (0..PIXELS)
+                .map(|at| f64::from(picture[at]) * if (at % width / 32 + at / width / 32) % 2 == 0 { 1.0 } else { 0.6 })
+                .collect();
+            // Each time a variance of 1/2 px² along rows and columns.
+            for by in [1, width].into_iter().cycle().take(2 * times) {
+                let seen = |at: usize| {
+                    0.25 * (light[at.saturating_sub(by)] + 2.0 * light[at] + light[(at + by).min(width * height - 1)])
+                };
+                light = (0..PIXELS).map(seen).collect();
+            }
+            picture.iter_mut().zip(&light).for_each(|(to, light)| *to = light.round() as u8);
+        }
+        run(set).1
+    };
+    assert!(!told(0).contains("out of focus"), "{}", told(0));
+    assert!(told(8).contains("blurred by a standard deviation of 2."), "{}", told(8));
+}
