@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::pair::{OnRay, triangulate};
 use crate::pattern::projector_of;
-use crate::triangulator::TriangulatorSettings;
+use crate::triangulator::{TriangulatorSettings, max_sigma};
 
 ports! {
     pub(crate) fn declared_ports;
@@ -400,15 +400,18 @@ impl Calibrator {
         let [camera, projector] = [0, 1].map(|it| &solution.solved.cameras[it].camera);
         let (mut off_plane, mut by_set, mut pixels, mut known) = (Vec::new(), Vec::new(), 0, 0);
         let kept = TriangulatorSettings::default();
-        let is_good = |it: &OnRay| it.misfit <= kept.max_misfit_px && it.sigma <= kept.max_sigma * it.depth;
+        let is_good = |it: &OnRay| it.misfit <= kept.max_misfit_px;
         for (time, set) in &self.sets {
             let near = |it: &&foveate::calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
             let Some(pose) = solution.boards.iter().find(near) else { continue };
             let normal = pose.world_from_board * Vector3::z();
             let origin = pose.world_from_board * Point3::origin();
             let mut points: Vec<Point3<f64>> = Vec::new();
-            for (pixel, sample) in &set.on_board {
-                let Some(found) = triangulate(camera, projector, pixel, sample).filter(is_good) else { continue };
+            let all =
+                set.on_board.iter().filter_map(|(pixel, it)| triangulate(camera, projector, pixel, it).filter(is_good));
+            let all: Vec<OnRay> = all.collect();
+            let limit = max_sigma(None, &mut all.iter().map(|it| (it.sigma / it.depth) as f32).collect::<Vec<_>>());
+            for found in all.into_iter().filter(|it| it.sigma <= limit * it.depth) {
                 let along = found.ray.direction.dot(&normal);
                 let depth = (origin - found.ray.origin).dot(&normal) / along;
                 off_plane.push(1e3 * (found.depth - depth).abs());

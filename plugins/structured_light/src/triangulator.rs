@@ -4,6 +4,7 @@
 //! same surface. A point of which too few do is left out.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use foveate::geometry::Camera;
@@ -42,9 +43,9 @@ pub struct TriangulatorSettings {
     /// How far column and row may be from those of one point on the camera's ray; farther: the pixel is left out [px]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub max_misfit_px: f64,
-    /// Standard deviation of a point along the camera's ray over its distance, at most; more: the pixel is left out [–]
+    /// Standard deviation of a point along the camera's ray over its distance, at most; more: the pixel is left out. None: three times the median of the map's points, but 0.0005 to 0.002 [–]
     #[schemars(range(min = 0.000001, max = 1.0))]
-    pub max_sigma: f64,
+    pub max_sigma: Option<f64>,
     /// Pixels around a point, to either side, that say its normal and whether it is on a surface [px]
     #[schemars(range(min = 1, max = 10))]
     pub reach: usize,
@@ -64,7 +65,7 @@ impl Default for TriangulatorSettings {
         Self {
             projector: "projector".to_owned(),
             max_misfit_px: 2.0,
-            max_sigma: 5e-4,
+            max_sigma: None,
             reach: 2,
             min_confidence: 0.25,
             step: 0.01,
@@ -73,6 +74,9 @@ impl Default for TriangulatorSettings {
     }
 }
 
+/// Where nothing is said, points are left out whose standard deviation is above so many times the median of all, within these limits of it over the distance [–].
+const TIMES_MEDIAN: f64 = 3.0;
+const USUAL_SIGMA: RangeInclusive<f64> = 5e-4..=2e-3;
 /// Pixels whose column and row do not belong together are told from this part on [–].
 const TOLD_MISFITS: f64 = 0.05;
 /// So many times as many points that are too vague as others are told, and are the end of a cloud: what is left then are accidents [–].
@@ -127,7 +131,9 @@ impl Node for Triangulator {
 
     fn new(settings: TriangulatorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("max_misfit_px", settings.max_misfit_px, 0.01..=1000.0)?;
-        ConfigError::unless_in("max_sigma", settings.max_sigma, 1e-6..=1.0)?;
+        if let Some(it) = settings.max_sigma {
+            ConfigError::unless_in("max_sigma", it, 1e-6..=1.0)?;
+        }
         ConfigError::unless_in("reach", settings.reach, 1..=10)?;
         ConfigError::unless_in("min_confidence", settings.min_confidence, 0.0..=1.0)?;
         ConfigError::unless_in("step", settings.step, 1e-4..=1.0)?;
@@ -268,6 +274,16 @@ impl Node for Triangulator {
     }
 }
 
+/// How large a standard deviation over the distance a point may have: what is `stated`, or what suits all `ratios`, which change their order [–].
+pub(crate) fn max_sigma(stated: Option<f64>, ratios: &mut [f32]) -> f64 {
+    let middle = ratios.len() / 2;
+    stated.unwrap_or_else(|| {
+        let median =
+            if ratios.is_empty() { 0.0 } else { f64::from(*ratios.select_nth_unstable_by(middle, f32::total_cmp).1) };
+        (TIMES_MEDIAN * median).clamp(*USUAL_SIGMA.start(), *USUAL_SIGMA.end())
+    })
+}
+
 impl Triangulator {
     fn unfit(&self, map: &ProjectorMap) -> Option<String> {
         let sizes =
@@ -284,6 +300,7 @@ impl Triangulator {
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
         let (width, height) = (map.width as usize, map.height as usize);
         let mut found = vec![Seen::NONE; width * height];
+        let mut ratios = Vec::new();
         for y in 0..height {
             for x in 0..width {
                 let sample = map.get(x, y);
@@ -294,13 +311,17 @@ impl Triangulator {
                 };
                 if point.misfit > self.settings.max_misfit_px {
                     self.misfits += 1;
-                } else if point.sigma > self.settings.max_sigma * point.depth {
-                    self.vague += 1;
-                    self.too_vague.push((point.sigma / point.depth) as f32);
                 } else {
                     found[y * width + x] = Seen::new(&self.camera, &point);
+                    ratios.push((point.sigma / point.depth) as f32);
                 }
             }
+        }
+        let limit = max_sigma(self.settings.max_sigma, &mut ratios) as f32;
+        for it in found.iter_mut().filter(|it| it.sigma > limit * it.depth) {
+            self.vague += 1;
+            self.too_vague.push(it.sigma / it.depth);
+            *it = Seen::NONE;
         }
         let mut cloud = PointCloud {
             time,

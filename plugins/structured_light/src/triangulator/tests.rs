@@ -185,3 +185,13 @@ fn a_map_that_mostly_does_not_fit_makes_no_cloud() {
     let expected = "do; expected most to: 100 % of them would if the camera's pictures were mirrored left to right";
     assert!(gaps[0].reason.contains(expected), "{gaps:?}");
 }
+
+#[test]
+fn what_is_too_vague_follows_the_map_within_limits() {
+    let of = |median: f32| (0..101).map(|it| median * (it as f32 / 50.0).powi(3)).collect::<Vec<f32>>();
+    for (median, expected) in [(5e-5, 5e-4), (3e-4, 9e-4), (5e-3, 2e-3)] {
+        assert!((max_sigma(None, &mut of(median)) - expected).abs() < 1e-7, "{median}");
+        assert_eq!(max_sigma(Some(1e-4), &mut of(median)), 1e-4);
+    }
+    assert_eq!(max_sigma(None, &mut []), 5e-4);
+}
