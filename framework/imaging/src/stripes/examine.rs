@@ -6,6 +6,7 @@
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
 mod layouts;
+mod light;
 mod rules;
 
 use std::borrow::Cow;
@@ -200,7 +201,8 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
     let is_whole = pictures.len() == n;
     let places: Vec<Option<usize>> = if is_whole { natural() } else { found.places.clone() };
-    if is_whole && let Some(without) = in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places) {
+    if is_whole && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places)
+    {
         return without;
     }
     let uneven = exposure::uneven(code, pictures, &places, &lit);
@@ -209,7 +211,7 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     }
     let evened: Vec<(usize, Vec<u8>)> =
         uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect();
-    let Some(views) = replaced(pictures, &evened) else { return found };
+    let Some(views) = light::replaced(pictures, &evened) else { return found };
     let (mut found, _) = look(code, &views, absent, min_contrast);
     let told: Vec<(usize, f64)> = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
     if !told.is_empty() {
@@ -217,47 +219,6 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     }
     found.uneven = uneven;
     found
-}
-
-/// The same of a set with all its pictures, without lights that were switched during it; `None` where there were none, or anything else is different from then on: other exposures and what moved.
-fn in_one_light(
-    code: &StripeCode,
-    pictures: &[ImageView<'_>],
-    absent: &[usize],
-    min_contrast: u8,
-    found: &Examination,
-    lit: &[(usize, u8, u8)],
-    places: &[Option<usize>],
-) -> Option<Examination> {
-    let switched = |it: &SetFault| match *it {
-        SetFault::Moved { last, first, light: Some(by), .. } => Some(SetFault::Relit { last, first, by }),
-        _ => None,
-    };
-    let lights: Vec<SetFault> = found.faults.iter().filter_map(switched).collect();
-    if lights.is_empty() {
-        return None;
-    }
-    let stretches = stretches::scenes(code, pictures, places, lit, found.noise).stretches?;
-    let relit = stretches::relit(code, pictures, places, &stretches);
-    let views = replaced(pictures, &relit).filter(|_| !relit.is_empty())?;
-    let (mut without, lit) = look(code, &views, absent, min_contrast);
-    let is_moved = without.faults.iter().any(|it| matches!(it, SetFault::Moved { .. }));
-    if is_moved || !exposure::uneven(code, &views, places, &lit).is_empty() {
-        return None;
-    }
-    without.faults.splice(0..0, lights);
-    without.relit = relit;
-    Some(without)
-}
-
-/// Pictures with some of them replaced.
-fn replaced<'a>(pictures: &[ImageView<'a>], by: &'a [(usize, Vec<u8>)]) -> Option<Vec<ImageView<'a>>> {
-    let mut views = pictures.to_vec();
-    for (at, pixels) in by {
-        let (width, height) = views[*at].size();
-        views[*at] = ImageView::new(pixels, width, height).ok()?;
-    }
-    Some(views)
 }
 
 /// The same, with the exposures that pictures have, and the pixels that are lit.

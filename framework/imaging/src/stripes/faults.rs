@@ -131,6 +131,11 @@ pub enum SetFault {
         /// By how much all grew brighter, or darker where negative [gray levels].
         by: f64,
     },
+    /// The light of the room differs from picture to picture, which is taken off by calculation.
+    Unsteady {
+        /// From the mean of all pictures, at most, in the middle one of the pixels [gray levels].
+        by: f64,
+    },
     /// A picture shows its stripes on another scene than the others.
     OtherScene {
         /// Which.
@@ -291,6 +296,7 @@ impl SetFault {
             | SetFault::OtherScene { .. }
             | SetFault::Moved { .. }
             | SetFault::Relit { .. }
+            | SetFault::Unsteady { .. }
             | SetFault::Uneven { .. }
             | SetFault::WhiteIsBlack { .. }
             | SetFault::Dim { .. } => false,
@@ -433,6 +439,9 @@ impl SetFault {
                 name(*last),
                 name(*first),
                 switched(*by)
+            ),
+            SetFault::Unsteady { by } => format!(
+                "the light of the room differs from picture to picture, by up to {by:.0} gray levels from their mean, expected one light for the whole set: the difference is taken off by calculation"
             ),
             SetFault::Moved { last, first, used: [from, until], light } => {
                 let what = light

@@ -4,7 +4,7 @@ use super::super::code::{Group, Inverse};
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
-const MIN_CONTRAST: u8 = 12;
+pub(super) const MIN_CONTRAST: u8 = 12;
 
 pub(super) fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
@@ -13,7 +13,7 @@ pub(super) fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
 
 /// The faults of the wall's pictures after `change`, in words, and the axes that are left.
 #[track_caller]
-fn check(change: impl Fn(&mut Vec<Vec<u8>>), expected: &[&str], usable: &[Axis]) {
+pub(super) fn check(change: impl Fn(&mut Vec<Vec<u8>>), expected: &[&str], usable: &[Axis]) {
     for seed in 1..=3 {
         let mut pictures = wall_set(seed);
         change(&mut pictures);
@@ -555,32 +555,6 @@ fn phase_steps_that_are_none_are_named() {
     }
     let (said, _) = of_steps(4, |pictures, place| pictures[place(1)].iter_mut().for_each(|it| *it = 255 - *it));
     assert!(said.len() == 1 && said[0].contains("is a negative, expected phase step 1"), "{said:?}");
-}
-
-#[test]
-fn a_light_that_is_switched_is_not_called_motion() {
-    let switched = |from: usize, by: u8| {
-        move |it: &mut Vec<Vec<u8>>| it[from..].iter_mut().flatten().for_each(|it| *it = it.saturating_add(by))
-    };
-    let on = "a light was switched on, or the exposure changed: all is 25 gray levels brighter, expected one light";
-    check(switched(16, 25), &[on], &Axis::BOTH);
-    check(switched(6, 25), &[on], &Axis::BOTH);
-    for seed in 4..=5 {
-        let (plain, mut changed) = (wall_set(seed), wall_set(seed));
-        switched(10, 40)(&mut changed);
-        let views: Vec<ImageView<'_>> = changed.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let found = examine(&wall_code(), &views, &[], MIN_CONTRAST);
-        let Prepared { pictures, .. } = found.prepared(&wall_code(), &views);
-        // All in the light of the stretch that is kept.
-        let off = |at: usize| {
-            let levels = pictures[at].iter().zip(&plain[at]).map(|(a, b)| f64::from(*a) - f64::from(*b));
-            levels.sum::<f64>() / 19_200.0
-        };
-        let all: Vec<f64> = (0..pictures.len()).map(off).collect();
-        assert!(all.iter().all(|it| (it - all[31]).abs() < 1.0), "seed {seed}: {all:?}");
-    }
-    let moved = |it: &mut Vec<Vec<u8>>| it[16..].iter_mut().for_each(|it| it.rotate_right(5));
-    check(moved, &["something moved"], &[Axis::Rows]);
 }
 
 #[test]
