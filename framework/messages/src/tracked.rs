@@ -56,6 +56,22 @@ pub enum TrajectoryEnd {
     Crept,
 }
 
+impl TrajectoryEnd {
+    /// As it stands in tables and names of figures: `not_uniform`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            TrajectoryEnd::Lost => "lost",
+            TrajectoryEnd::Disagreed => "disagreed",
+            TrajectoryEnd::TooFast => "too_fast",
+            TrajectoryEnd::TooAbrupt => "too_abrupt",
+            TrajectoryEnd::NotUniform => "not_uniform",
+            TrajectoryEnd::Merged => "merged",
+            TrajectoryEnd::Alone => "alone",
+            TrajectoryEnd::Crept => "crept",
+        }
+    }
+}
+
 /// All points of a surface at one time, and what became of those that were there before.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct TrackedSurface {

@@ -65,20 +65,6 @@ pub struct ExportTracked {
     ends: u64,
 }
 
-/// As it stands in the table.
-const fn name(end: TrajectoryEnd) -> &'static str {
-    match end {
-        TrajectoryEnd::Lost => "lost",
-        TrajectoryEnd::Disagreed => "disagreed",
-        TrajectoryEnd::TooFast => "too_fast",
-        TrajectoryEnd::TooAbrupt => "too_abrupt",
-        TrajectoryEnd::NotUniform => "not_uniform",
-        TrajectoryEnd::Merged => "merged",
-        TrajectoryEnd::Alone => "alone",
-        TrajectoryEnd::Crept => "crept",
-    }
-}
-
 /// Three columns, each with a comma before it, that are empty where the vector is zero: none was measured.
 fn write_known(text: &mut String, vector: &Vector3<f64>) {
     if *vector == Vector3::zeros() {
@@ -97,7 +83,7 @@ impl ExportTracked {
         let Self { text, .. } = self;
         for (id, end) in &surface.ended {
             fixed(text, surface.time.as_s(), 6);
-            write!(text, ",{id}{NO_SAMPLE},{}", name(*end)).ok();
+            write!(text, ",{id}{NO_SAMPLE},{}", end.name()).ok();
             text.push('\n');
             self.ends += 1;
         }

@@ -291,7 +291,7 @@ impl Node for Tracker {
         report.figure("trajectories.count", f64::from(self.next_id));
         report.figure("trajectories.mean_samples", counts.points as f64 / f64::from(self.next_id));
         for (end, count) in &counts.ended {
-            report.figure(format!("trajectories.ended.{}", name_of(*end)), *count as f64);
+            report.figure(format!("trajectories.ended.{}", end.name()), *count as f64);
         }
         for (what, count) in &self.stepper.failed {
             report.figure(format!("trajectories.failed.{what}"), *count as f64);
@@ -327,19 +327,6 @@ impl Node for Tracker {
         report.figure("step_mm.spread", 1e3 * counts.steps.iter().map(|it| it.1).sum::<f64>() / n);
         tell(&mut self.faults, report);
         Ok(())
-    }
-}
-
-fn name_of(end: TrajectoryEnd) -> &'static str {
-    match end {
-        TrajectoryEnd::Lost => "lost",
-        TrajectoryEnd::Disagreed => "disagreed",
-        TrajectoryEnd::TooFast => "too_fast",
-        TrajectoryEnd::TooAbrupt => "too_abrupt",
-        TrajectoryEnd::NotUniform => "not_uniform",
-        TrajectoryEnd::Merged => "merged",
-        TrajectoryEnd::Alone => "alone",
-        TrajectoryEnd::Crept => "crept",
     }
 }
 
