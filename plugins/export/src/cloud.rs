@@ -10,7 +10,7 @@
 //!
 //! The last two are to be looked at: points of a cloud that has fewer than one a pixel are drawn as squares as wide as from one to the next (module `dots`). The first is for programs.
 //!
-//! SET is the cloud's name; where it has none, as of what is measured moment by moment, its number from 1 on.
+//! SET is the cloud's name; where it has none, as of what is measured moment by moment, the moment's number from 1 on: one without a cloud leaves a gap. A second file of one name ends in `_2`.
 //!
 //! Clouds at `cloud` are in the world. Those at `joined` are in the space of the scale that registered them, where a thing that is moved lies still: their files end in `_target`.
 //!
@@ -104,10 +104,10 @@ impl Node for ExportCloud {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(cloud) = io.take(&CLOUD) {
-            self.take(&cloud.value, "")?;
+            self.take(&cloud.value, "", cloud.stamp.sequence)?;
         }
         while let Some(joined) = io.take(&JOINED) {
-            self.take(&joined.value.cloud, "_target")?;
+            self.take(&joined.value.cloud, "_target", joined.stamp.sequence)?;
         }
         Ok(())
     }
@@ -135,16 +135,16 @@ impl Node for ExportCloud {
 }
 
 impl ExportCloud {
-    /// What files of a cloud begin with, unlike those of all before. Clouds without a name are counted from 1; of those with one the second is told apart by its number.
-    fn free_stem(&mut self, camera: &str, name: &str, ending: &str) -> String {
+    /// What files of a cloud begin with, unlike those of all before: of those alike the second is told apart by a 2. Clouds without a name have the number of their moment, `sequence` counting from 0.
+    fn free_stem(&mut self, camera: &str, name: &str, ending: &str, sequence: u64) -> String {
         let stem = match name {
-            "" => file_part(&format!("{camera}{ending}")),
+            "" => file_part(&format!("{camera}{ending}_{}", sequence.saturating_add(1))),
             name => file_part(&format!("{camera}_{name}{ending}")),
         };
         loop {
             let again = self.names.entry(stem.clone()).or_default();
             *again += 1;
-            let numbered = if *again == 1 && !name.is_empty() { stem.clone() } else { format!("{stem}_{again}") };
+            let numbered = if *again == 1 { stem.clone() } else { format!("{stem}_{again}") };
             if numbered == stem || self.names.get(&numbered).is_none_or(|it| *it == 0) {
                 self.names.entry(numbered.clone()).or_insert(1);
                 return numbered;
@@ -152,20 +152,20 @@ impl ExportCloud {
         }
     }
 
-    fn take(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
+    fn take(&mut self, cloud: &PointCloud, ending: &str, sequence: u64) -> Result<(), NodeError> {
         if self.written >= self.settings.max_clouds || !self.file.is_wanted() {
             self.left_out += 1;
             return Ok(());
         }
         self.written += 1;
-        self.write(cloud, ending)
+        self.write(cloud, ending, sequence)
     }
 
-    fn write(&mut self, cloud: &PointCloud, ending: &str) -> Result<(), NodeError> {
+    fn write(&mut self, cloud: &PointCloud, ending: &str, sequence: u64) -> Result<(), NodeError> {
         let calibration = self.calibration.clone();
         let camera = calibration.cameras.get(usize::from(cloud.camera.0));
         let camera_name = camera.map_or_else(|| cloud.camera.0.to_string(), |it| it.name.clone());
-        let stem = self.free_stem(&camera_name, &cloud.name, ending);
+        let stem = self.free_stem(&camera_name, &cloud.name, ending, sequence);
         let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
         if self.settings.ply {
             let unit = if calibration.length_unit == LengthUnit::Metre { "metres" } else { "unit unknown" };
@@ -303,11 +303,15 @@ mod tests {
     }
 
     #[test]
-    fn files_are_called_by_camera_and_set_or_number_and_none_twice() {
+    fn files_are_called_by_camera_and_set_or_moment_and_none_twice() {
         let mut export = ExportCloud::new(ExportCloudSettings::default(), &Setup::for_tests()).unwrap();
-        let names = ["", "pose", "pose", "", "pose_2", "1", ""].map(|name| export.free_stem("left", name, ""));
-        assert_eq!(names, ["left_1", "left_pose", "left_pose_2", "left_2", "left_pose_2_2", "left_1_2", "left_3"]);
-        assert_eq!(export.free_stem("left", "", "_target"), "left_target_1");
+        let mut stem = |name: &str, ending: &str, sequence: u64| export.free_stem("left", name, ending, sequence);
+        let names = ["pose", "pose", "pose_2", "1"].map(|it| stem(it, "", 7));
+        assert_eq!(names, ["left_pose", "left_pose_2", "left_pose_2_2", "left_1"]);
+        // The moment numbered 1 has no cloud.
+        let numbered = [0, 2, 3, 2].map(|it| stem("", "", it));
+        assert_eq!(numbered, ["left_1_2", "left_3", "left_4", "left_3_2"]);
+        assert_eq!(stem("", "_target", 4), "left_target_5");
     }
 
     #[test]

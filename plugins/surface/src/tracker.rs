@@ -5,8 +5,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use foveate::estimation::statistics::median;
 use foveate::imaging::matching::{MAX_REACH, SearchPyramid};
 use foveate::prelude::*;
+use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +51,7 @@ figures! {
     "trajectories.guided": count, high, "Of these, those that were found where the body at `skeletons` said, their neighbours being lost, too";
     "trajectories.appeared": count, neither, "Points that are new after the first moment";
     "trajectories.ambiguous": count, low, "Searches in time whose second best place is as good as the best: a repeated texture";
-    "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments";
+    "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments; over one without pictures it counts as two";
     "step_mm.spread": mm, low, "Root mean square distance of the points' steps from the median step of their moment, mean over the moments: of a rigid surface without rotation this is noise";
 }
 
@@ -168,8 +170,22 @@ struct Counts {
     not_found: u64,
     regenerated: u64,
     appeared: u64,
-    /// Median step and what is beside it, by moment [m].
-    steps: Vec<(nalgebra::Vector3<f64>, f64)>,
+    steps: Vec<Step>,
+    /// Moments since the last one with pictures of all cameras.
+    without: u32,
+}
+
+/// What all points did from one moment with pictures to the next.
+#[derive(Debug)]
+struct Step {
+    /// Median over the points [m].
+    median: Vector3<f64>,
+    /// Root mean square distance of theirs from it [m].
+    spread: f64,
+    /// How long it took [s].
+    dt_s: f64,
+    /// Over how many moments, those without pictures of all cameras counted.
+    moments: u32,
 }
 
 impl Node for Tracker {
@@ -265,11 +281,13 @@ impl Node for Tracker {
         if let Some(why) = missing(&self.engine, &self.moments[0]) {
             // The moment before stays what points are followed from.
             self.moments.swap(0, 1);
+            self.counts.without += 1;
             io.gap(&TRACKED, time, why.clone());
             io.gap(&CLOUD, time, why);
             return Ok(());
         }
         let tracked = self.follow(time);
+        self.counts.without = 0;
         let spacing = self.engine.prepared.cover.spacing_px;
         let cells: BTreeSet<[usize; 2]> =
             self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
@@ -320,11 +338,11 @@ impl Node for Tracker {
             ));
         }
         let n = counts.steps.len() as f64;
-        let mean = counts.steps.iter().map(|it| it.0).sum::<nalgebra::Vector3<f64>>() / n;
+        let mean = mean_step(&counts.steps);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             report.figure(format!("step_mm.{name}"), 1e3 * mean[axis]);
         }
-        report.figure("step_mm.spread", 1e3 * counts.steps.iter().map(|it| it.1).sum::<f64>() / n);
+        report.figure("step_mm.spread", 1e3 * counts.steps.iter().map(|it| it.spread).sum::<f64>() / n);
         tell(&mut self.faults, report);
         Ok(())
     }
@@ -348,7 +366,7 @@ impl Tracker {
             let (held, merged) = unmerged(held, prepared.cover.spacing_px);
             self.counts.followed += before.len() as u64;
             self.counts.not_found += (before.len() - held.len()) as u64;
-            self.counts.steps.extend(median_step(&held, dt_s));
+            self.counts.steps.extend(median_step(&held, dt_s, 1 + self.counts.without));
             let around = Neighbourhood::of_a_step(&held, self.filters.radius_m, dt_s);
             let search = Search {
                 views,
@@ -470,15 +488,22 @@ fn unmerged(mut tracks: Vec<Track>, spacing_px: usize) -> (Vec<Track>, Vec<(Trac
 }
 
 /// Median step of all points, and the root mean square of what is beside it [m].
-fn median_step(tracks: &[Track], dt_s: f64) -> Option<(nalgebra::Vector3<f64>, f64)> {
+fn median_step(tracks: &[Track], dt_s: f64, moments: u32) -> Option<Step> {
     if tracks.is_empty() {
         return None;
     }
     let middle = |axis: usize| {
         let list: Vec<f64> = tracks.iter().map(|it| it.velocity[axis] * dt_s).collect();
-        foveate::estimation::statistics::median(&list).unwrap_or(0.0)
+        median(&list).unwrap_or(0.0)
     };
-    let step = nalgebra::Vector3::new(middle(0), middle(1), middle(2));
+    let step = Vector3::new(middle(0), middle(1), middle(2));
     let squares: f64 = tracks.iter().map(|it| (it.velocity * dt_s - step).norm_squared()).sum();
-    Some((step, (squares / tracks.len() as f64).sqrt()))
+    Some(Step { median: step, spread: (squares / tracks.len() as f64).sqrt(), dt_s, moments })
+}
+
+/// The mean step from one moment to the next [m]: one over a moment without pictures counts as two, also where no camera has one.
+fn mean_step(steps: &[Step]) -> Vector3<f64> {
+    let usual_s = median(&steps.iter().map(|it| it.dt_s / f64::from(it.moments)).collect::<Vec<_>>()).unwrap_or(1.0);
+    let moments: f64 = steps.iter().map(|it| (it.dt_s / usual_s).round().max(1.0)).sum();
+    steps.iter().map(|it| it.median).sum::<Vector3<f64>>() / moments
 }

@@ -83,3 +83,27 @@ fn a_setting_of_the_surface_that_is_wrong_is_pointed_at_where_the_tracker_has_it
         assert_eq!(refused.setting, Some(format!("surface.{name}")), "{refused}");
     }
 }
+
+#[test]
+fn a_moment_without_a_picture_leaves_its_number_free_and_counts_in_the_mean_step() {
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 72);
+    // Of moment 2 the reference has no picture; of moment 4 no camera has one, and nothing comes.
+    let told = |moments: &[u32]| {
+        let mut bench = NodeBench::<tracker::Tracker>::with_setup(tracking(), &setup(&cameras)).unwrap();
+        for k in moments {
+            let moved = scene.moved(Isometry3::translation(1.5e-3 * f64::from(*k), 0.0, 0.0));
+            let mut pictures = moved.pictures(&cameras);
+            if *k == 2 {
+                pictures.remove(0);
+            }
+            bench.feed_set(&tracker::IMAGE, Time::from_s(0.1 * f64::from(*k)), pictures).unwrap();
+        }
+        let numbers: Vec<u64> = bench.outputs(&tracker::CLOUD).iter().map(|it| it.stamp.sequence).collect();
+        let step_mm = bench.finish().unwrap().figures["step_mm.x"];
+        assert!((step_mm - 1.5).abs() < 0.02, "{step_mm} mm with {moments:?}");
+        numbers
+    };
+    assert_eq!(told(&[0, 1, 2, 3, 5]), [0, 1, 3, 4]);
+    assert_eq!(told(&[1, 2, 3]), [0, 2]);
+}
