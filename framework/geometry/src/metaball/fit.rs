@@ -14,7 +14,7 @@
 //! 3. lengths, and how thick each limb is, along with it;
 //! 4. all: angles, lengths and radii together, or in turn as the paper prefers (§4.2), each point being one of the limb in whose field it lies deepest.
 //!
-//! Stages go in rounds. A round decides which segment each point belongs to, where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
+//! Stages go in rounds. A round decides which segment each point belongs to (in the last stage only until it is near its end), where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
 //! Marquardt search with those held. Residuals that spread wider than their standard deviations are divided by the spread: from a rough start all points are far off, and none is wrong.
 //!
 //! No body is made of metaballs. What the model cannot show is an error that neighbouring points have in common ([`BodyFitOptions::model_sigma_m`]): within a cell of
@@ -281,7 +281,7 @@ pub enum BodyFitError {
 struct Stage {
     free: Free,
     tied: Tied,
-    belongs: Belongs,
+    belongs: Belongs<'static>,
     loss: Loss,
     settled_m: f64,
     rounds: u32,
@@ -465,19 +465,17 @@ impl Search<'_> {
         let posture = Free { root, angles, scales: false, radii: false };
         let turns: &[Free] = if self.options.in_turn { &[posture, shape] } else { &[stage.free] };
         let options = BodyFitOptions { residual, ..self.options.clone() };
-        for _ in 0..stage.rounds {
+        // Which segment each observation is of, once that no longer changes.
+        let mut kept: Option<Vec<Option<usize>>> = None;
+        for round in 0..stage.rounds {
             let mut moved = 0.0_f64;
+            let mut segments = Vec::new();
+            let belongs = kept.as_deref().map_or(stage.belongs, Belongs::Kept);
             for free in turns {
-                let problem = Round::new(
-                    self.body,
-                    self.observations,
-                    &self.worth,
-                    &self.state,
-                    self.priors,
-                    &options,
-                    stage.belongs,
-                )
-                .with_tied(stage.tied);
+                let problem =
+                    Round::new(self.body, self.observations, &self.worth, &self.state, self.priors, &options, belongs)
+                        .with_tied(stage.tied);
+                segments = problem.segments().to_vec();
                 let held = held(&columns, free);
                 if held.len() == columns.len() {
                     continue;
@@ -493,6 +491,11 @@ impl Search<'_> {
             self.rounds += 1;
             if moved < stage.settled_m {
                 return Ok(true);
+            }
+            // Points between two segments may belong to either by turns for ever.
+            let is_near = moved < COARSELY_SETTLED_M || 2 * (round + 1) >= stage.rounds;
+            if stage.belongs == Belongs::Field && is_near {
+                kept.get_or_insert(segments);
             }
         }
         Ok(false)

@@ -13,8 +13,11 @@ use super::field::{Ball, Body, VISIBLE};
 use super::fit::{Priors, RadiiPrior, RootPrior};
 use super::skeleton::{Dof, Posed, Segment, Skeleton, State};
 
-/// Parts of the standing height.
-const UPPER_ARM: f64 = 0.186;
+/// Parts of the standing height. An arm by itself begins at the acromion, where Drillis and Contini measure from,
+const WHOLE_UPPER_ARM: f64 = 0.186;
+/// one of a person in the centre of the shoulder's joint, which lies below: the mean of that and of the 0.162 of P. de Leva, "Adjustments to Zatsiorsky–Seluyanov's segment inertia parameters",
+/// J. Biomechanics 29(9), 1996, which is between joint centres.
+const UPPER_ARM: f64 = 0.174;
 const FOREARM: f64 = 0.146;
 const HAND: f64 = 0.108;
 const THIGH: f64 = 0.245;
@@ -116,6 +119,7 @@ impl Build {
     fn arm(&mut self, side: Side, parent: Option<(&str, Vector3<f64>)>, height: f64, scales: [usize; 3]) {
         let (it, sign) = (side.name(), side.sign());
         let rest = if parent.is_some() { down() } else { UnitQuaternion::identity() };
+        let upper_arm = height * if parent.is_some() { UPPER_ARM } else { WHOLE_UPPER_ARM };
         let name = |what: &str| format!("{what}_{it}");
         // An arm by itself turns with its root, in every direction alike: three angles one after the other have a posture in which one of them is lost.
         let shoulder = vec![
@@ -127,7 +131,7 @@ impl Build {
             &name("upper_arm"),
             parent,
             rest,
-            UPPER_ARM * height,
+            upper_arm,
             scales[0],
             if parent.is_some() { shoulder } else { Vec::new() },
         );
@@ -135,7 +139,7 @@ impl Build {
         self.segments[upper].cut = parent.is_none();
         let h = height;
         self.limb([[0.032 * h, 0.032 * h], [0.028 * h, 0.028 * h], [0.025 * h, 0.025 * h]]);
-        let elbow = Vector3::new(0.0, 0.0, UPPER_ARM * height);
+        let elbow = Vector3::new(0.0, 0.0, upper_arm);
         self.segment(
             &name("forearm"),
             Some((&name("upper_arm"), elbow)),

@@ -10,7 +10,7 @@ use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
 use nalgebra::{Matrix3, Point2, Point3, UnitQuaternion, Vector3};
 
-use super::track::{BodyTracker, Outcome, Rules, stray};
+use super::track::{BodyTracker, Outcome, Rules, blame, stray};
 use super::{BodyFitter, BodySettings, Clicked, Model, SILHOUETTES, SKELETONS, SKIN, Skin};
 
 const TRACKED: In<TrackedSurface> = In::each(0, "tracked");
@@ -78,6 +78,18 @@ fn settings() -> BodySettings {
         shape_frames: 3,
         picture: false,
         ..BodySettings::default()
+    }
+}
+
+fn rules() -> Rules {
+    Rules {
+        clicked_m: 0.04,
+        points: 500,
+        slide_m: 0.015,
+        turn_rad_s: 6.0,
+        silhouette_px: 1.0,
+        shape_frames: 3,
+        options: metaball::BodyFitOptions::default(),
     }
 }
 
@@ -170,16 +182,7 @@ fn clicks_of_shoulder_and_wrist_that_are_exchanged_are_told() {
 #[test]
 fn a_hand_without_points_goes_with_the_forearm() {
     let (body, template) = metaball::arm(Side::Right, 1.75);
-    let rules = Rules {
-        clicked_m: 0.04,
-        points: 500,
-        slide_m: 0.015,
-        turn_rad_s: 6.0,
-        silhouette_px: 1.0,
-        shape_frames: 3,
-        options: metaball::BodyFitOptions::default(),
-    };
-    let mut tracker = BodyTracker::new(body, template, rules);
+    let mut tracker = BodyTracker::new(body, template, rules());
     for frame in 0..4 {
         let time_s = f64::from(frame) / 25.0;
         let [shoulder, elbow, wrist] = joints(time_s);

@@ -25,6 +25,8 @@ const STATURE_SIGMA: f64 = 0.08;
 const GIRTH_SIGMA: f64 = 0.15;
 /// How far lengths of limbs are from what goes with the stature: the spread of 6 % of all people less that of their stature, 4 % [–].
 const LENGTH_SIGMA: f64 = 0.045;
+/// The same of upper arms: how far below the acromion the joint of the shoulder lies no surface shows, and studies differ by 7 % either way (see `foveate::geometry::metaball::person`).
+const UPPER_ARM_SIGMA: f64 = 0.07;
 /// Lengths of people farther from what goes with their stature are no people's: three standard deviations of all people, 6 % [σ of [`LENGTH_SIGMA`]].
 const MOST_LENGTH_SIGMAS: f64 = 4.0;
 /// Joints of a person with left and right exchanged that fit better than by this: of simulated people 0.7 where they were exchanged, 1.3 and more where not [–].
@@ -297,6 +299,10 @@ impl BodyTracker {
         if self.body.skeleton.n_scales() > ARM_SCALES {
             priors.stature = STATURE_SIGMA;
             priors.scales.iter_mut().for_each(|it| it.1 = LENGTH_SIGMA);
+            let bones = self.body.skeleton.segments();
+            for it in bones.iter().filter(|it| it.name.starts_with("upper_arm")) {
+                priors.scales[it.scale].1 = UPPER_ARM_SIGMA;
+            }
             priors.radii.iter_mut().for_each(|it| it.girth = GIRTH_SIGMA);
         }
         priors
@@ -502,7 +508,7 @@ fn is_before_extremity(segment: &str) -> bool {
 }
 
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
-fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
+pub(super) fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
     let is_person = fit.state.scales.len() > ARM_SCALES;
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
     let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
@@ -510,12 +516,19 @@ fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
         match doubt {
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
             // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
-            Doubt::Misshapen { segment, .. } if segment == "pelvis" => (),
-            Doubt::Misshapen { segment, what: "length", sigmas }
-                if is_person && !is_before_extremity(segment) && sigmas.abs() < MOST_LENGTH_SIGMAS => {}
-            Doubt::Misshapen { segment, .. } if !is_extremity(segment) => {
-                return Some(("misshapen", doubt.to_string()));
+            Doubt::Misshapen { segment, .. } if segment == "pelvis" || is_extremity(segment) => (),
+            Doubt::Misshapen { segment, what: "length", sigmas, .. } if is_person && !is_before_extremity(segment) => {
+                if sigmas.abs() > MOST_LENGTH_SIGMAS {
+                    let doubt = Doubt::Misshapen {
+                        segment: segment.clone(),
+                        what: "length",
+                        sigmas: *sigmas,
+                        most: MOST_LENGTH_SIGMAS,
+                    };
+                    return Some(("misshapen", doubt.to_string()));
+                }
             }
+            Doubt::Misshapen { .. } => return Some(("misshapen", doubt.to_string())),
             Doubt::Unsupported { .. } if unsupported > supported => {
                 return Some(("few_limbs", doubt.to_string()));
             }

@@ -3,7 +3,7 @@
 use foveate_estimation::least_squares::Unobservable;
 use nalgebra::{DMatrix, Point3};
 
-use super::round::{Belongs, before_cut, segment_of};
+use super::round::before_cut;
 use super::{BodyFit, BodyObservation, RadiiPrior, Search};
 use crate::metaball::skeleton::State;
 
@@ -33,7 +33,7 @@ pub enum Doubt {
     },
     /// No limb of this kind is so long or so thick.
     #[error(
-        "the {what} of {segment} is {sigmas:.1} standard deviations from what people have, expected {MOST_SIGMAS} at most"
+        "the {what} of {segment} is {sigmas:.1} standard deviations from what people have, expected {most} at most"
     )]
     Misshapen {
         /// Its name.
@@ -42,6 +42,8 @@ pub enum Doubt {
         what: &'static str,
         /// How far off, above 0 too large [σ].
         sigmas: f64,
+        /// How far off is believed [σ].
+        most: f64,
     },
     /// A joint is bent as none bends.
     #[error("{dof} is {beyond_deg:.0} degrees beyond its limit")]
@@ -62,7 +64,7 @@ impl Search<'_> {
         let posed = body.skeleton.pose(state);
         let most_m = body.thickness_m(state);
         let surface = |at: &Point3<f64>, segment: Option<usize>| {
-            let segment = segment.or_else(|| segment_of(body, &posed, state, Belongs::Field, at))?;
+            let segment = segment.or_else(|| body.nearest_segment(&posed, state, at))?;
             let (before, at) = before_cut(body, &posed, state, segment, at);
             let distance = body.field_of(&posed, state, segment, &at)?.distance(most_m);
             Some((segment, distance, before > 0.0))
@@ -138,7 +140,7 @@ impl Search<'_> {
         for (what, off, sigma) in [("stature", stature, priors.stature), ("girth", girth.0, girth.1)] {
             if sigma > 0.0 && off.abs() > MOST_SIGMAS * sigma {
                 let segment = "the whole body".to_owned();
-                doubts.push(Doubt::Misshapen { segment, what, sigmas: off / sigma });
+                doubts.push(Doubt::Misshapen { segment, what, sigmas: off / sigma, most: MOST_SIGMAS });
             }
         }
         let girth = girth.0;
@@ -160,7 +162,7 @@ impl Search<'_> {
                 sizes.push(("thickness", (off - girth) / prior.thickness));
             }
             for (what, sigmas) in sizes.into_iter().filter(|it| it.1.abs() > MOST_SIGMAS) {
-                doubts.push(Doubt::Misshapen { segment: segment.name.clone(), what, sigmas });
+                doubts.push(Doubt::Misshapen { segment: segment.name.clone(), what, sigmas, most: MOST_SIGMAS });
             }
         }
         for (dof, angle) in body.skeleton.dofs().zip(&state.angles) {

@@ -34,16 +34,20 @@ enum Decided<'a> {
 
 /// How a point's segment is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Belongs {
+pub(super) enum Belongs<'a> {
     /// The nearest bone.
     Bone,
     /// The limb in whose field it lies deepest.
     Field,
+    /// By observation, the one that it was of before.
+    Kept(&'a [Option<usize>]),
 }
 
 /// The equations of one round.
 pub(super) struct Round<'a> {
     body: &'a Body,
+    /// By observation, the segment that it is of.
+    segments: Vec<Option<usize>>,
     decided: Vec<Decided<'a>>,
     priors: &'a Priors,
     options: &'a BodyFitOptions,
@@ -105,20 +109,6 @@ fn tracked_together(observations: &[BodyObservation], cell_m: f64) -> Vec<((usiz
     cells.flat_map(|it| it.iter().map(|key| ((key.0, key.2), it.len() as f64))).collect()
 }
 
-/// The segment that a point of the surface belongs to; `None` where no segment has balls.
-pub(super) fn segment_of(
-    body: &Body,
-    posed: &Posed,
-    state: &State,
-    belongs: Belongs,
-    at: &Point3<f64>,
-) -> Option<usize> {
-    match belongs {
-        Belongs::Bone => body.nearest_bone(posed, state, at),
-        Belongs::Field => body.nearest_segment(posed, state, at),
-    }
-}
-
 /// How far a point lies before the joint of a segment that is cut there, 0 for others [m], and where it is compared: up to its first ball, and on before the joint, a limb that is cut is as thick as
 /// it is there. By itself the ball would close it.
 pub(super) fn before_cut(
@@ -169,12 +159,17 @@ impl<'a> Round<'a> {
         state: &State,
         priors: &'a Priors,
         options: &'a BodyFitOptions,
-        belongs: Belongs,
+        belongs: Belongs<'_>,
     ) -> Round<'a> {
         let posed = body.skeleton.pose(state);
         let most_m = body.thickness_m(state);
-        let surface = |at: &Point3<f64>, segment: Option<usize>, sigma_m: f64, worth: f64| {
-            let segment = segment.or_else(|| segment_of(body, &posed, state, belongs, at))?;
+        let segment_of = |index: usize, at: &Point3<f64>| match belongs {
+            Belongs::Bone => body.nearest_bone(&posed, state, at),
+            Belongs::Field => body.nearest_segment(&posed, state, at),
+            Belongs::Kept(segments) => segments[index],
+        };
+        let mut segments = vec![None; observations.len()];
+        let surface = |at: &Point3<f64>, segment: usize, sigma_m: f64, worth: f64| {
             let (before, at) = before_cut(body, &posed, state, segment, at);
             let field = body.field_of(&posed, state, segment, &at)?;
             // Before a cut the body may narrow, as a shoulder does.
@@ -192,19 +187,29 @@ impl<'a> Round<'a> {
             };
             Some(Decided::Surface { at, segment, weight, worth })
         };
-        let decide = |(observation, worth): (&'a BodyObservation, &f64)| match observation {
-            BodyObservation::Point { at, sigma_m, segment } => surface(at, *segment, *sigma_m, *worth),
+        let mut decide = |index: usize| match &observations[index] {
+            BodyObservation::Point { at, sigma_m, segment } => {
+                segments[index] = segment.or_else(|| segment_of(index, at));
+                surface(at, segments[index]?, *sigma_m, worth[index])
+            }
             BodyObservation::Anchored { segment, place, at, sigma_m } => {
-                Some(Decided::Anchored { segment: *segment, place, at, weight: 1.0 / sigma_m, worth: *worth })
+                let (weight, worth) = (1.0 / sigma_m, worth[index]);
+                Some(Decided::Anchored { segment: *segment, place, at, weight, worth })
             }
             BodyObservation::Ray { origin, direction, sigma_m } => {
                 let at = body.closest_on_ray(&posed, state, origin, direction)?;
-                surface(&at, None, *sigma_m, *worth)
+                segments[index] = segment_of(index, &at);
+                surface(&at, segments[index]?, *sigma_m, worth[index])
             }
         };
-        let decided: Vec<Decided> = observations.iter().zip(worth).filter_map(decide).collect();
-        let round = Round { body, decided, priors, options, columns: Columns::of(state), tied: Tied::Apart };
+        let decided: Vec<Decided> = (0..observations.len()).filter_map(&mut decide).collect();
+        let round = Round { body, segments, decided, priors, options, columns: Columns::of(state), tied: Tied::Apart };
         round.widened(&posed, state)
+    }
+
+    /// By observation, the segment that it is of.
+    pub(super) fn segments(&self) -> &[Option<usize>] {
+        &self.segments
     }
 
     /// The round with sizes that go together.

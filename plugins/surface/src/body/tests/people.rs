@@ -126,6 +126,60 @@ fn people_whose_left_and_right_are_exchanged_are_told_and_giants_are_none() {
 }
 
 #[test]
+fn sizes_that_few_people_have_are_refused_with_the_limit_that_holds_for_them() {
+    let told = |(body, template): (metaball::Body, metaball::State), segment: &str, what: &'static str, sigmas: f64| {
+        let observed: Vec<_> = points(0.0, 400)
+            .list
+            .iter()
+            .map(|it| metaball::BodyObservation::Point { at: it.position, sigma_m: 1e-3, segment: None })
+            .collect();
+        let options = metaball::BodyFitOptions { rough: false, max_rounds: 1, ..metaball::BodyFitOptions::default() };
+        let priors = metaball::anthropometric(&template);
+        let mut fit = metaball::fit_body(&body, &observed, &template, &priors, &options).unwrap();
+        fit.support.fill(9.0);
+        fit.doubts = vec![metaball::Doubt::Misshapen { segment: segment.to_owned(), what, sigmas, most: 3.0 }];
+        blame(&fit).map(|it| it.1)
+    };
+    let person = |segment: &str, what: &'static str, sigmas: f64| told(metaball::person(1.75), segment, what, sigmas);
+    for (segment, what, sigmas) in [
+        ("trunk", "length", 3.9),
+        ("upper_arm_left", "length", -3.9),
+        ("pelvis", "thickness", 9.0),
+        ("hand_left", "length", 9.0),
+    ] {
+        assert_eq!(person(segment, what, sigmas), None, "{what} of {segment}");
+    }
+    for (segment, what, sigmas, most) in [
+        ("trunk", "length", 4.1, "expected 4 at most"),
+        ("upper_arm_left", "length", -4.1, "expected 4 at most"),
+        ("forearm_left", "length", 3.1, "expected 3 at most"),
+        ("thigh_left", "thickness", 3.1, "expected 3 at most"),
+        ("the whole body", "stature", 3.1, "expected 3 at most"),
+    ] {
+        let reason = person(segment, what, sigmas).unwrap_or_default();
+        assert!(reason.contains(most), "{what} of {segment}: {reason}");
+    }
+    // Of a single arm less is known.
+    let reason = told(metaball::arm(Side::Right, 1.75), "upper_arm_right", "length", 3.1).unwrap_or_default();
+    assert!(reason.contains("expected 3 at most"), "{reason}");
+}
+
+#[test]
+fn points_between_two_limbs_do_not_keep_a_person_from_settling() {
+    for (height, girth) in [(1.75, 1.0), (1.85, 1.2)] {
+        let (body, template) = metaball::person(1.75);
+        let options = metaball::BodyFitOptions { joint_sigma_m: 0.012, ..metaball::BodyFitOptions::default() };
+        let mut tracker = BodyTracker::new(body, template, Rules { points: 1500, options, ..rules() });
+        let clicks = joints(height).into_iter().enumerate().collect();
+        for message in 0..3 {
+            let surface = surface(height, girth, 0.04 * f64::from(message));
+            let Outcome::Followed(frame) = tracker.track(&surface, &clicks, &[]) else { panic!("no body") };
+            assert!(frame.fit.settled, "{height} m, message {message}: {:?}", frame.fit.doubts);
+        }
+    }
+}
+
+#[test]
 fn points_together_off_the_body_are_a_limb_that_lies_elsewhere_and_scattered_ones_are_not() {
     let (body, template) = metaball::arm(Side::Right, 1.75);
     let list = points(0.0, 400).list;
