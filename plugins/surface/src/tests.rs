@@ -12,6 +12,7 @@ use crate::settings::SurfaceSettings;
 use crate::{matcher, tracker};
 
 mod bad_input;
+mod edges;
 mod hidden;
 mod told;
 
