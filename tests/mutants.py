@@ -16,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-CRATES = ["estimation", "geometry", "rig", "select", "engine", "led", "painted-mark"]
+CRATES = ["estimation", "geometry", "rig", "select", "engine", "led", "painted-mark", "surface", "export"]
 # Tests that take longer do not come back [s].
 PATIENCE_S = 300
 
