@@ -517,18 +517,14 @@ pub(super) fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
             Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
             // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
             Doubt::Misshapen { segment, .. } if segment == "pelvis" || is_extremity(segment) => (),
-            Doubt::Misshapen { segment, what: "length", sigmas, .. } if is_person && !is_before_extremity(segment) => {
-                if sigmas.abs() > MOST_LENGTH_SIGMAS {
-                    let doubt = Doubt::Misshapen {
-                        segment: segment.clone(),
-                        what: "length",
-                        sigmas: *sigmas,
-                        most: MOST_LENGTH_SIGMAS,
-                    };
+            Doubt::Misshapen { segment, what, sigmas, most } => {
+                let is_of_a_person = is_person && *what == "length" && !is_before_extremity(segment);
+                let most = if is_of_a_person { MOST_LENGTH_SIGMAS } else { *most };
+                if sigmas.abs() > most {
+                    let doubt = Doubt::Misshapen { segment: segment.clone(), what, sigmas: *sigmas, most };
                     return Some(("misshapen", doubt.to_string()));
                 }
             }
-            Doubt::Misshapen { .. } => return Some(("misshapen", doubt.to_string())),
             Doubt::Unsupported { .. } if unsupported > supported => {
                 return Some(("few_limbs", doubt.to_string()));
             }
