@@ -107,3 +107,19 @@ fn a_moment_without_a_picture_leaves_its_number_free_and_counts_in_the_mean_step
     assert_eq!(told(&[0, 1, 2, 3, 5]), [0, 1, 3, 4]);
     assert_eq!(told(&[1, 2, 3]), [0, 2]);
 }
+
+#[test]
+fn a_camera_that_faces_a_surface_and_does_not_see_it_is_counted() {
+    let cameras = cameras(3);
+    let scene = Scene::of(Shape::Plane, 73);
+    let unseen = |is_blind: bool| {
+        let mut pictures = scene.pictures(&cameras);
+        if is_blind {
+            pictures[2].pixels.fill(130);
+        }
+        let settings = SurfaceSettings { reference: "cam-1".into(), ..settings() };
+        matched(pictures, &cameras, settings).1.figures["surface.unseen"]
+    };
+    let (blind, seeing) = (unseen(true), unseen(false));
+    assert!(blind > 0.6 && seeing < 0.3, "{blind} with a blind camera, {seeing} without");
+}
