@@ -208,11 +208,8 @@ mod tests {
             size: [160, 120],
             projector: |x, y| [20.0 + 0.61 * x + 0.04 * y, 12.0 + 0.58 * y - 0.03 * x],
             albedo: |x, y| {
-                if ((x + 0.2 * y) / 24.0).floor() as i64 + ((y - 0.2 * x) / 24.0).floor() as i64 & 1 == 0 {
-                    0.9
-                } else {
-                    0.5
-                }
+                let [column, row] = [x + 0.2 * y, y - 0.2 * x].map(|it| (it / 24.0).floor() as i64);
+                if (column + row) % 2 == 0 { 0.9 } else { 0.5 }
             },
             shadow: |x, _| (130.0..=140.0).contains(&x),
             blur,
