@@ -3,7 +3,7 @@
 //! Without such a view the silhouettes of the others are covered much better, and its own is not covered by what they leave over. A view that only lost an arm differs in that: its silhouette is covered, it lacks
 //! something. What lies in one view only, as a shadow does, carves nothing, so that without it the others are covered as before.
 
-use foveate::geometry::voxels::{SilhouetteView, cover};
+use foveate::geometry::voxels::{SilhouetteView, VoxelGrid, cover};
 use foveate::prelude::*;
 
 use super::{Fit, Found, Hull, View, fit, silhouette_view};
@@ -24,6 +24,8 @@ const TO_CONTRADICT: usize = 4;
 /// Of fewer views than this one is left out only where so much of the others' silhouettes is covered without it: three views that show ghosts agree with few of each other's.
 const FEW: usize = 6;
 const GOOD: f64 = 0.8;
+/// Views of which two at once are looked for: of fewer the rest is no majority that bounds a body, of more one after the other shows, and there are too many twos.
+const PAIR_OF: std::ops::RangeInclusive<usize> = 7..=12;
 /// Views of which one may be left out.
 const ONE_OF: usize = 3;
 /// How many times larger voxels are while views are tried.
@@ -74,11 +76,20 @@ impl Hull {
             && self.covered(views, &used(statuses), found.as_ref()) < limit
         {
             std::mem::swap(&mut self.carver, &mut self.trials);
-            let found_out = self.search(views, statuses);
+            let found_out = self.search(views, statuses).and_then(|one| match one {
+                Some(one) => Ok(vec![one]),
+                None if self.contradictions.is_empty() => self.search_pair(views, statuses),
+                None => Ok(Vec::new()),
+            });
             std::mem::swap(&mut self.carver, &mut self.trials);
-            let Some((at, contradiction)) = found_out? else { break };
-            statuses[at] = ViewStatus::Contradicts;
-            self.contradictions.push(contradiction);
+            let found_out = found_out?;
+            if found_out.is_empty() {
+                break;
+            }
+            for (at, contradiction) in found_out {
+                statuses[at] = ViewStatus::Contradicts;
+                self.contradictions.push(contradiction);
+            }
             found = self.hull_of(views, statuses, self.grid)?;
         }
         self.until_search = HOLDS;
@@ -96,9 +107,7 @@ impl Hull {
 
     /// The view without which the others are covered best, if it contradicts them.
     fn search(&mut self, views: &[View], statuses: &[ViewStatus]) -> Result<Option<(usize, Contradiction)>, String> {
-        let size = COARSE * self.grid.size;
-        let cells = self.grid.cells.map(|it| (f64::from(it) / COARSE).ceil() as u32);
-        let coarse = foveate::geometry::voxels::VoxelGrid { size, cells, ..self.grid };
+        let coarse = self.coarse();
         let used = used(statuses);
         let with_all = self.hull_of(views, statuses, coarse)?;
         let before: Vec<f64> = used.iter().map(|at| self.covered_of(&views[*at], with_all.as_ref())).collect();
@@ -121,16 +130,73 @@ impl Hull {
         let Some((_, at, found)) = best else { return Ok(None) };
         let others: Vec<usize> = used.into_iter().filter(|it| *it != at).collect();
         let of_others = self.covered(views, &others, Some(&found));
-        let own = self.covered_of(&views[at], Some(&found));
+        let is_told = others.len() + 1 >= FEW || of_others >= GOOD;
+        Ok(self.blame(&views[at], &found, of_others).filter(|_| is_told).map(|it| (at, it)))
+    }
+
+    /// The two views without which the others are covered best, where no single one is to blame: both must contradict the others, each of them alone must spoil what is left without both, and no other two may explain nearly as much.
+    fn search_pair(&mut self, views: &[View], statuses: &[ViewStatus]) -> Result<Vec<(usize, Contradiction)>, String> {
+        let used = used(statuses);
+        if !PAIR_OF.contains(&used.len()) {
+            return Ok(Vec::new());
+        }
+        let coarse = self.coarse();
+        let with_all = self.hull_of(views, statuses, coarse)?;
+        let before: Vec<f64> = used.iter().map(|at| self.covered_of(&views[*at], with_all.as_ref())).collect();
+        let mean = before.iter().sum::<f64>() / before.len() as f64;
+        let mut gains: Vec<(f64, [usize; 2])> = Vec::new();
+        let mut best: Option<Found> = None;
+        for first in 0..used.len() {
+            for second in first + 1..used.len() {
+                let pair = [first, second];
+                let Some(found) = self.hull_of(views, &without(statuses, pair.map(|it| used[it])), coarse)? else {
+                    continue;
+                };
+                let others = (0..used.len()).filter(|it| !pair.contains(it));
+                let gain: f64 = others.map(|it| self.covered_of(&views[used[it]], Some(&found)) - before[it]).sum();
+                let gain = gain / (used.len() - 2) as f64;
+                if gains.iter().all(|it| it.0 < gain) {
+                    best = Some(found);
+                }
+                gains.push((gain, pair));
+            }
+        }
+        gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (Some(found), [(gain, pair), (next, _), ..]) = (best, &gains[..]) else { return Ok(Vec::new()) };
+        if *gain < GAIN.max(GAIN_SHARE * (1.0 - mean)) || gain - next < GAIN {
+            return Ok(Vec::new());
+        }
+        let pair = pair.map(|it| used[it]);
+        let others: Vec<usize> = used.into_iter().filter(|it| !pair.contains(it)).collect();
+        let of_others = self.covered(views, &others, Some(&found));
+        let mut blamed = Vec::new();
+        for at in pair {
+            let with_it = self.hull_of(views, &without(statuses, [pair[0] + pair[1] - at; 2]), coarse)?;
+            let spoils = of_others - self.covered(views, &others, with_it.as_ref()) >= GAIN;
+            blamed.extend(self.blame(&views[at], &found, of_others).filter(|_| spoils).map(|it| (at, it)));
+        }
+        Ok(if blamed.len() == pair.len() && of_others >= GOOD { blamed } else { Vec::new() })
+    }
+
+    /// Cells of this size while views are tried.
+    fn coarse(&self) -> VoxelGrid {
+        let cells = self.grid.cells.map(|it| (f64::from(it) / COARSE).ceil() as u32);
+        VoxelGrid { size: COARSE * self.grid.size, cells, ..self.grid }
+    }
+
+    /// Whether a view contradicts the hull of others, who are covered by it to `of_others`: its own silhouette is not, or would be elsewhere.
+    fn blame(&mut self, view: &View, found: &Found, of_others: f64) -> Option<Contradiction> {
+        let own = self.covered_of(view, Some(found));
         // `drawn` is the hull of the others in its picture.
-        let view = silhouette_view(&views[at]);
+        let camera = view.silhouette.camera;
+        let view = silhouette_view(view);
         let body: Vec<bool> = view.confidence.iter().map(|it| *it >= Silhouette::BODY).collect();
         let fit = fit(&body, &self.drawn, view.width as usize).filter(|it| it.left_over <= EXPLAINED);
-        let is_told = others.len() + 1 >= FEW || of_others >= GOOD;
-        if !is_told || (own > of_others - OWN && fit.is_none()) {
-            return Ok(None);
-        }
-        Ok(Some((at, Contradiction { camera: views[at].silhouette.camera, fit, apart: apart(&view, &found, fit) })))
+        (own <= of_others - OWN || fit.is_some()).then(|| Contradiction {
+            camera,
+            fit,
+            apart: apart(&view, found, fit),
+        })
     }
 
     /// Mean part of the silhouettes that a hull covers.
@@ -142,6 +208,13 @@ impl Hull {
     fn covered_of(&mut self, view: &View, found: Option<&Found>) -> f64 {
         found.map_or(0.0, |it| cover(&it.grid, &it.surface, &silhouette_view(view), &mut self.drawn).completeness())
     }
+}
+
+/// As if these contradicted the others.
+fn without(statuses: &[ViewStatus], pair: [usize; 2]) -> Vec<ViewStatus> {
+    let mut fewer = statuses.to_vec();
+    pair.into_iter().for_each(|it| fewer[it] = ViewStatus::Contradicts);
+    fewer
 }
 
 fn used(statuses: &[ViewStatus]) -> Vec<usize> {
