@@ -184,6 +184,7 @@ impl Segmenter {
         if let Some(learning) = &mut self.learning
             && learning.add(rgb)
         {
+            learning.level(CHANNELS);
             self.model.learn(learning, &self.config);
             self.learnt();
         }
@@ -193,8 +194,9 @@ impl Segmenter {
     /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
     pub fn end_teaching(&mut self) -> bool {
         if self.learning.as_mut().is_some_and(Learning::end)
-            && let Some(learning) = self.learning.take()
+            && let Some(mut learning) = self.learning.take()
         {
+            learning.level(CHANNELS);
             self.model.learn(&learning, &self.config);
             self.learnt();
         }

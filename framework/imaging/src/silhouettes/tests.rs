@@ -90,6 +90,31 @@ fn a_body_is_found_and_its_shadow_and_a_highlight_are_not() {
 }
 
 #[test]
+fn a_lamp_that_flickers_while_learning_is_no_noise() {
+    let noise = &mut Noise(13);
+    let limits_and_spread = |flicker: f32, noise: &mut Noise| {
+        let mut segmenter = Segmenter::new(config(), SIZE.0, SIZE.1).unwrap();
+        for k in 0..12 {
+            let light = 1.0 + flicker * ((k * 5 % 12) as f32 / 5.5 - 1.0);
+            segmenter.teach(&picture(noise, |_, _, wall| wall.map(|it| it * light))).unwrap();
+        }
+        // Cloth a little darker than a shadow may be, in each light.
+        let mut shares = Vec::new();
+        for light in [0.9, 1.1] {
+            let mut segmenter = segmenter.clone();
+            let seen = picture(noise, |x, y, wall| wall.map(|it| it * light * if is_body(x, y) { 0.4 } else { 1.0 }));
+            segmenter.update(&seen).unwrap();
+            shares.push(overlap(&segmenter));
+        }
+        (segmenter.limits(), shares)
+    };
+    let (steady, _) = limits_and_spread(0.0, noise);
+    let (flickering, shares) = limits_and_spread(0.1, noise);
+    assert!(flickering[1] < 1.3 * steady[1], "{flickering:?} {steady:?}");
+    assert!(shares.iter().all(|it| *it > 0.95), "{shares:?}");
+}
+
+#[test]
 fn limits_come_from_the_pictures_and_not_from_who_passes() {
     let noise = &mut Noise(2);
     let segmenter = learnt(config(), noise);
