@@ -7,9 +7,7 @@ use crate::foreground::light::Light;
 pub(super) type Gains = [f32; CHANNELS];
 
 /// Pixels that the gain of the whole is taken from, about.
-const SAMPLES: usize = 1024;
-/// A sample follows the gain of the whole where it is off by less than this part of it [–].
-const NEAR: f32 = 0.1;
+const SAMPLES: usize = 4096;
 /// Edge of a tile [px].
 pub(super) const TILE: usize = 64;
 /// Pixels of a tile that are looked at: one in so many along both axes.
@@ -78,29 +76,12 @@ impl Lights {
         let n = model.width * model.height;
         let step = (n / SAMPLES) | 1;
         let places = || (0..n).step_by(step).filter(move |&i| open[i] != 0);
-        let is_told = |i: &usize| !pixels[i * CHANNELS..(i + 1) * CHANNELS].contains(&255);
-        let sums = |i: usize| {
-            let of = i * CHANNELS..(i + 1) * CHANNELS;
-            let pixel: f32 = pixels[of.clone()].iter().map(|it| f32::from(*it)).sum();
-            (pixel / CHANNELS as f32, model.mean[of].iter().sum::<f32>() / CHANNELS as f32)
-        };
-        // All channels from the same pixels: where each half of the picture has a light, each channel would follow another half.
-        if let Some(gain) = self.finder.ratio(places().filter(is_told).map(sums)) {
-            let mut squares = [[0.0f32; 2]; CHANNELS];
-            for i in places().filter(is_told) {
-                let (pixel, mean) = sums(i);
-                if (pixel - gain * mean).abs() < NEAR * gain * mean {
-                    for (channel, [product, square]) in squares.iter_mut().enumerate() {
-                        let mean = model.mean[i * CHANNELS + channel];
-                        *product += f32::from(pixels[i * CHANNELS + channel]) * mean;
-                        *square += mean * mean;
-                    }
-                }
-            }
-            for (whole, [product, square]) in self.whole.iter_mut().zip(squares) {
-                let gain = if square > 0.0 && product > 0.0 { product / square } else { gain };
+        for channel in 0..CHANNELS {
+            let at = |i: usize| i * CHANNELS + channel;
+            let samples = places().map(|i| (f32::from(pixels[at(i)]), model.mean[at(i)]));
+            if let Some(gain) = self.finder.ratio(samples) {
                 // Closer to 1 than half a gray level in 255 is no change of light.
-                *whole = if (gain - 1.0).abs() < 0.004 { 1.0 } else { gain };
+                self.whole[channel] = if (gain - 1.0).abs() < 0.004 { 1.0 } else { gain };
             }
         }
         let (mut n_seen, mut n_off) = (0u32, 0u32);
