@@ -25,6 +25,8 @@ pub struct SilhouetteSettings {
     /// How much brighter a highlight or a reflection may be; 1: they are body [–]
     #[schemars(range(min = 1.0, max = 10.0))]
     pub highlight_ratio: f32,
+    /// Whether a shadow or highlight must leave the texture of its background, over windows of 6 px: clothes as dark as a shadow are body then, if they look otherwise. For backgrounds learnt by the camera as it stands: where it has moved by a part of a pixel since, or exposes otherwise, all of the picture looks otherwise. If not, what single pixels say has to do [–]
+    pub by_texture: bool,
     /// No pixel's standard deviation is taken to be lower than this: covers compression and flicker [gray level]
     #[schemars(range(min = 0.1, max = 255.0))]
     pub noise_floor: f32,
@@ -79,6 +81,7 @@ impl Default for SilhouetteSettings {
             detection_rate: it.detection_rate,
             shadow_ratio: 0.6,
             highlight_ratio: it.highlight_ratio,
+            by_texture: it.by_texture,
             noise_floor: it.noise_floor,
             jitter_px: it.jitter_px,
             adapt_frames: it.adapt_frames,
@@ -136,6 +139,7 @@ impl SilhouetteSettings {
             detection_rate: self.detection_rate,
             shadow_ratio: self.shadow_ratio,
             highlight_ratio: self.highlight_ratio,
+            by_texture: self.by_texture,
             noise_floor: self.noise_floor,
             jitter_px: self.jitter_px,
             adapt_frames: self.adapt_frames,

@@ -4,7 +4,13 @@
 //! long as less than half of them are disturbed; mean and variance are taken of the samples within three (robust) standard
 //! deviations of it. So few samples know a variance to some 20 % only, so it is drawn towards that of the whole picture.
 
+use super::light::Light;
+
 const SAMPLES: u32 = 15;
+/// Pixels that the light of a sample is taken from, about.
+const LEVELLED: usize = 4096;
+/// Closer to 1 than half a gray level in 255 is no change of light.
+const SAME: f32 = 0.004;
 /// How many samples' weight the variance of the whole picture has.
 const PRIOR: f32 = 5.0;
 
@@ -39,6 +45,29 @@ impl Learning {
     pub fn end(&mut self) -> bool {
         self.samples.retain(|it| !it.is_empty());
         !self.samples.is_empty()
+    }
+
+    /// Brings all samples to the light of their median, channel by channel (`channels` bytes a pixel): a lamp that flickers is no noise of the pixels. Saturated bytes stay so.
+    pub fn level(&mut self, channels: usize) {
+        let n_pixels = self.samples.first().map_or(0, Vec::len) / channels;
+        let step = (n_pixels / LEVELLED) | 1;
+        let mut finder = Light::default();
+        for channel in 0..channels {
+            let places = || (0..n_pixels).step_by(step).map(|it| it * channels + channel);
+            let median = |at: usize| {
+                let mut column: Vec<u8> = self.samples.iter().map(|it| it[at]).collect();
+                column.sort_unstable();
+                f32::from(column[column.len() / 2])
+            };
+            let medians: Vec<f32> = places().map(median).collect();
+            for sample in &mut self.samples {
+                let pairs = places().zip(&medians).map(|(at, median)| (f32::from(sample[at]), *median));
+                let Some(gain) = finder.ratio(pairs).filter(|it| (it - 1.0).abs() >= SAME) else { continue };
+                let level = |value: usize| if value == 255 { 255 } else { (value as f32 / gain).round() as u8 };
+                let levels: [u8; 256] = std::array::from_fn(level);
+                sample.iter_mut().skip(channel).step_by(channels).for_each(|it| *it = levels[usize::from(*it)]);
+            }
+        }
     }
 
     /// The pictures that it is learnt from.

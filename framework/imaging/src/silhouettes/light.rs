@@ -7,7 +7,9 @@ use crate::foreground::light::Light;
 pub(super) type Gains = [f32; CHANNELS];
 
 /// Pixels that the gain of the whole is taken from, about.
-const SAMPLES: usize = 4096;
+const SAMPLES: usize = 1024;
+/// A sample follows the gain of the whole where it is off by less than this part of it [–].
+const NEAR: f32 = 0.1;
 /// Edge of a tile [px].
 pub(super) const TILE: usize = 64;
 /// Pixels of a tile that are looked at: one in so many along both axes.
@@ -76,12 +78,25 @@ impl Lights {
         let n = model.width * model.height;
         let step = (n / SAMPLES) | 1;
         let places = || (0..n).step_by(step).filter(move |&i| open[i] != 0);
-        for channel in 0..CHANNELS {
-            let at = |i: usize| i * CHANNELS + channel;
-            let samples = places().map(|i| (f32::from(pixels[at(i)]), model.mean[at(i)]));
-            if let Some(gain) = self.finder.ratio(samples) {
+        let is_told = |i: &usize| !pixels[i * CHANNELS..(i + 1) * CHANNELS].contains(&255);
+        let sums = |i: usize| {
+            let of = i * CHANNELS..(i + 1) * CHANNELS;
+            let pixel: f32 = pixels[of.clone()].iter().map(|it| f32::from(*it)).sum();
+            (pixel / CHANNELS as f32, model.mean[of].iter().sum::<f32>() / CHANNELS as f32)
+        };
+        // All channels from the same pixels: where each half of the picture has a light, each channel would follow another half.
+        if let Some(gain) = self.finder.ratio(places().filter(is_told).map(sums)) {
+            let is_near = |i: &usize| {
+                let (pixel, mean) = sums(*i);
+                (pixel - gain * mean).abs() < NEAR * gain * mean
+            };
+            let near: Vec<usize> = places().filter(is_told).filter(is_near).collect();
+            for (channel, whole) in self.whole.iter_mut().enumerate() {
+                // The ratio on which they agree, not their mean: a body may be as bright as its background in another colour.
+                let of = |i: &usize| (f32::from(pixels[i * CHANNELS + channel]), model.mean[i * CHANNELS + channel]);
+                let gain = self.finder.ratio(near.iter().map(of)).unwrap_or(gain);
                 // Closer to 1 than half a gray level in 255 is no change of light.
-                self.whole[channel] = if (gain - 1.0).abs() < 0.004 { 1.0 } else { gain };
+                *whole = if (gain - 1.0).abs() < 0.004 { 1.0 } else { gain };
             }
         }
         let (mut n_seen, mut n_off) = (0u32, 0u32);

@@ -16,6 +16,8 @@
 //!
 //! - *Limits* are those below which `detection_rate` of the background lies, by the histograms of the pictures that it was learnt from. They are held within
 //!   one and two times what the median of the same histogram implies for Gaussian noise, so that somebody who passes while learning raises them to twice at most.
+//! - *Flicker.* The pictures that are learnt from are brought to the light of their median first: a lamp that flickers is no noise of single pixels.
+//! - *Texture*, on demand (`by_texture`): what pixels take for shadow or highlight must fit the background in some light over windows (see `texture.rs`).
 //! - *Edges.* A camera that trembles, or a coder, moves edges by a part of a pixel: σ² has (`jitter_px` times the slope of the background)² in it.
 //! - *Light.* Each channel has a gain over the learnt light, that on which the picture agrees. Where many pixels differ all the same, tiles of 64 px whose
 //!   texture is that of the background (correlation above 0.9) get a gain of their own: a lamp that lights one wall. A pixel is background
@@ -33,6 +35,7 @@ mod model;
 mod segmenter;
 #[cfg(test)]
 mod tests;
+mod texture;
 
 pub use closing::Closing;
 pub use holes::HoleFiller;

@@ -57,7 +57,7 @@ pub(super) struct Quick {
 const STEP: f32 = 1.0 / 64.0;
 const STEPS: usize = 64 * 64;
 /// From here on a channel is saturated [gray level].
-const SATURATED: f32 = 254.5;
+pub(super) const SATURATED: f32 = 254.5;
 /// How much more than what its median implies a limit may be: noise of coders has longer tails than a normal distribution.
 const MOST: f32 = 2.0;
 /// The median of a Rayleigh and of a half-normal distribution [σ].

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::light::{Gains, Lights};
 use super::model::{BLOCK, CHANNELS, Model, Quick, distances};
+use super::texture::Texture;
 use super::{BODY, SURE};
 use crate::foreground::learning::Learning;
 use crate::foreground::majority::Majority;
@@ -20,6 +21,8 @@ pub struct SegmenterConfig {
     pub shadow_ratio: f32,
     /// How much brighter a highlight may be, at least 1; 1: what is brighter is body.
     pub highlight_ratio: f32,
+    /// Whether a shadow must leave the texture of its background, over windows of 6 px; if not, what single pixels say has to do. For cameras and lenses that have not moved by a part of a pixel since.
+    pub by_texture: bool,
     /// No standard deviation is taken to be lower than this [gray level], above 0.
     pub noise_floor: f32,
     /// How far an edge of the background may have moved, one standard deviation [px], at least 0.
@@ -33,7 +36,7 @@ pub struct SegmenterConfig {
 }
 
 impl Default for SegmenterConfig {
-    /// 30 pictures, 99.99 % of the background, shadows from 45 % of the light on, highlights up to 150 %, a floor of 2 gray levels, a quarter of a pixel, 200 pictures to adapt,
+    /// 30 pictures, 99.99 % of the background, shadows from 45 % of the light on, highlights up to 150 %, both by single pixels, a floor of 2 gray levels, a quarter of a pixel, 200 pictures to adapt,
     /// nothing absorbed, learnt again when more than 60 % is body.
     fn default() -> Self {
         Self {
@@ -41,6 +44,7 @@ impl Default for SegmenterConfig {
             detection_rate: 0.9999,
             shadow_ratio: 0.45,
             highlight_ratio: 1.5,
+            by_texture: false,
             noise_floor: 2.0,
             jitter_px: 0.25,
             adapt_frames: 200.0,
@@ -83,6 +87,7 @@ pub struct Segmenter {
     open: Vec<u8>,
     n_open: usize,
     lights: Lights,
+    texture: Texture,
     confidence: Vec<u8>,
     raw: Vec<u8>,
     mask: Vec<u8>,
@@ -100,6 +105,7 @@ pub struct Segmenter {
     n_flooded: u32,
     /// Pixels on edges of the background, by quarter of the picture.
     edges: [Vec<u32>; 4],
+    edges_off: f64,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -131,6 +137,7 @@ impl Segmenter {
             open: vec![255; n],
             n_open: n,
             lights: Lights::new(width, height),
+            texture: Texture::new(width, height),
             confidence: vec![0; n],
             raw: vec![0; n],
             mask: vec![0; n],
@@ -144,6 +151,7 @@ impl Segmenter {
             n_pictures: 0,
             n_flooded: 0,
             edges: Default::default(),
+            edges_off: 0.0,
             config,
         })
     }
@@ -171,6 +179,7 @@ impl Segmenter {
     pub fn set_background(&mut self, rgb: &[u8]) -> Result<(), ImagingError> {
         self.fits(rgb)?;
         self.model.take(rgb, &self.config);
+        self.texture.reset();
         self.learnt();
         Ok(())
     }
@@ -184,7 +193,9 @@ impl Segmenter {
         if let Some(learning) = &mut self.learning
             && learning.add(rgb)
         {
+            learning.level(CHANNELS);
             self.model.learn(learning, &self.config);
+            self.texture.learn(learning.samples(), &self.model, self.config.detection_rate);
             self.learnt();
         }
         Ok(())
@@ -193,9 +204,11 @@ impl Segmenter {
     /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
     pub fn end_teaching(&mut self) -> bool {
         if self.learning.as_mut().is_some_and(Learning::end)
-            && let Some(learning) = self.learning.take()
+            && let Some(mut learning) = self.learning.take()
         {
+            learning.level(CHANNELS);
             self.model.learn(&learning, &self.config);
+            self.texture.learn(learning.samples(), &self.model, self.config.detection_rate);
             self.learnt();
         }
         self.learning.is_none()
@@ -265,6 +278,11 @@ impl Segmenter {
     /// The part of the background's edges that is not where it was, in the last picture, although a shadow could be as dark, but more than a coder moves it: of the quarter of the picture where it is least, of those that have edges enough
     /// to tell. Near 1 when the camera was moved.
     pub fn edges_off(&self) -> f64 {
+        self.edges_off
+    }
+
+    /// By what single pixels say: texture beside a body is off for less.
+    fn look_at_edges(&self) -> f64 {
         let of = |places: &Vec<u32>| {
             let n_off = places.iter().filter(|at| self.confidence[**at as usize] >= BODY / 8).count();
             (places.len() >= 16).then_some(n_off as f64 / places.len() as f64)
@@ -291,6 +309,10 @@ impl Segmenter {
         self.n_pictures = self.n_pictures.wrapping_add(1);
         self.lights.look(rgb, &self.open, &self.model);
         self.split(rgb);
+        self.edges_off = self.look_at_edges();
+        if self.config.by_texture {
+            self.split_by_texture(rgb);
+        }
         let Model { width, height, .. } = self.model;
         let lit = self.majority.filter(&self.raw, &self.open, width, height, &mut self.mask);
         settle(&self.mask, &mut self.confidence);
@@ -316,6 +338,7 @@ impl Segmenter {
     fn split(&mut self, rgb: &[u8]) {
         let Model { width, height, .. } = self.model;
         let is_learnt = self.lights.is_learnt();
+        self.texture.begin();
         for y in 0..height {
             let bytes = y * width * CHANNELS..(y + 1) * width * CHANNELS;
             let row = &rgb[bytes.clone()];
@@ -332,14 +355,35 @@ impl Segmenter {
                     let n = BLOCK.min(width - first);
                     let gains = if is_learnt { [1.0; CHANNELS] } else { self.lights.at(first + n / 2, y) };
                     let pixels = y * width + first..y * width + first + n;
-                    self.decide(rgb, pixels.clone(), gains, u8::MAX);
+                    let n_off = self.decide(rgb, pixels.clone(), gains, u8::MAX);
                     // Where a light of one region ends is not known to the pixel: what that of the whole explains is background, too.
                     if self.lights.n_regional() > 0 {
-                        self.decide(rgb, pixels, self.lights.whole(), 0);
+                        self.decide(rgb, pixels.clone(), self.lights.whole(), 0);
                     }
+                    let n_body = self.raw[pixels].iter().filter(|it| **it != 0).count();
+                    self.texture.doubt(first, y, n_off, n_body as u16);
                 }
             }
         }
+    }
+
+    /// What has another texture or colour than the background in any light is body.
+    fn split_by_texture(&mut self, rgb: &[u8]) {
+        let Self { texture, model, lights, confidence, raw, open, .. } = self;
+        let width = model.width;
+        texture.look(
+            rgb,
+            model,
+            |x, y| lights.at(x, y),
+            |y, columns, square| {
+                let seen = (255.0 * square / (1.0 + square) + 0.5) as u8;
+                for pixel in y * width + columns.start..y * width + columns.end {
+                    let it = confidence[pixel].max(seen & open[pixel]);
+                    confidence[pixel] = it;
+                    raw[pixel] = u8::from(it >= BODY) + u8::from(it >= SURE);
+                }
+            },
+        );
     }
 
     /// A row in the learnt light, rounded.
@@ -360,8 +404,8 @@ impl Segmenter {
         }
     }
 
-    /// The confidence of up to [`BLOCK`] pixels; at most what it is, or `at_most` where that is more.
-    fn decide(&mut self, rgb: &[u8], pixels: Range<usize>, gains: Gains, at_most: u8) {
+    /// The confidence of up to [`BLOCK`] pixels; at most what it is, or `at_most` where that is more. Gives how many are off by more than noise.
+    fn decide(&mut self, rgb: &[u8], pixels: Range<usize>, gains: Gains, at_most: u8) -> u16 {
         let n = pixels.len();
         let bytes = pixels.start * CHANNELS..pixels.end * CHANNELS;
         let (mut value, mut mean, mut variance) =
@@ -380,6 +424,7 @@ impl Segmenter {
         let per_chroma = 1.0 / (chroma_limit * chroma_limit);
         let (darkest, brightest) = (1.0 - shadow_ratio, highlight_ratio - 1.0);
         let mut confidence = [0u8; BLOCK];
+        let mut is_off = [0u16; BLOCK];
         for at in 0..BLOCK {
             let of = |lists: &[[f32; BLOCK]; CHANNELS]| std::array::from_fn(|c| lists[c][at]);
             let weight: [f32; CHANNELS] = std::array::from_fn(|c| 1.0 / variance[c][at]);
@@ -390,6 +435,7 @@ impl Segmenter {
             let reach = if reach > noise { reach } else { noise };
             let by_light = off * off / (reach * reach);
             let by_chroma = chroma * per_chroma;
+            is_off[at] = u16::from(by_chroma >= 1.0) | u16::from(off * off >= noise * noise);
             let square = if by_chroma > by_light { by_chroma } else { by_light };
             // Half of it, and more, is body.
             confidence[at] = (255.0 * square / (1.0 + square) + 0.5) as u8;
@@ -400,6 +446,7 @@ impl Segmenter {
             self.confidence[pixel] = it;
             self.raw[pixel] = u8::from(it >= BODY) + u8::from(it >= SURE);
         }
+        is_off[..n].iter().sum()
     }
 
     /// Mean and variance of one row in so many follow what is background there; what has stood still for long becomes background.
@@ -425,7 +472,8 @@ impl Segmenter {
             self.model.follow(row.clone(), &self.relit, &self.shares);
             if self.config.absorb_frames > 0 {
                 for i in row.clone() {
-                    if self.mask[i] != 0 {
+                    // At its corners, too, which the majority rounds off.
+                    if self.mask[i] != 0 || self.raw[i] != 0 {
                         let per_gain = self.lights.at((i - row.start) / BLOCK * BLOCK, y).map(|it| 1.0 / it);
                         let at = i * CHANNELS;
                         self.stay(i, [rgb[at], rgb[at + 1], rgb[at + 2]], per_gain);

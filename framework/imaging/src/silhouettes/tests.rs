@@ -67,8 +67,12 @@ fn shirt(light: f32) -> [f32; 3] {
 
 #[test]
 fn a_body_is_found_and_its_shadow_and_a_highlight_are_not() {
+    [false, true].into_iter().for_each(|by_texture| find_without_shadow(&SegmenterConfig { by_texture, ..config() }));
+}
+
+fn find_without_shadow(config: &SegmenterConfig) {
     let noise = &mut Noise(1);
-    let mut segmenter = learnt(config(), noise);
+    let mut segmenter = learnt(config.clone(), noise);
     let shadowed = picture(noise, |x, y, wall| match (x, y) {
         _ if is_body(x, y) => shirt(1.0),
         (90..130, 70..110) => wall.map(|it| it * 0.6),
@@ -83,10 +87,69 @@ fn a_body_is_found_and_its_shadow_and_a_highlight_are_not() {
     segmenter.update(&empty).unwrap();
     assert!(n_body(&segmenter) < 8, "{}", n_body(&segmenter));
     // And where neither may be: both.
-    let strict = SegmenterConfig { shadow_ratio: 1.0, highlight_ratio: 1.0, ..config() };
+    let strict = SegmenterConfig { shadow_ratio: 1.0, highlight_ratio: 1.0, ..config.clone() };
     let mut segmenter = learnt(strict, noise);
     segmenter.update(&shadowed).unwrap();
     assert!(n_body(&segmenter) > 2700 + 1500 + 1400, "{}", n_body(&segmenter));
+}
+
+#[test]
+fn clothes_as_dark_as_a_shadow_are_body_where_their_texture_is_not_that_of_the_floor() {
+    let noise = &mut Noise(11);
+    let by_texture = SegmenterConfig { by_texture: true, ..config() };
+    // Gray cloth before a gray floor with a grain, striped cloth before a plain one: the light of each pixel is what a shadow would leave.
+    fn grain(x: usize, y: usize) -> f32 {
+        if (x / 3 + y / 3).is_multiple_of(2) { 1.0 } else { 1.25 }
+    }
+    type Seen = dyn Fn(usize, usize) -> [f32; 3];
+    let cases: [(&Seen, &Seen); 2] = [
+        (&|x, y| [100.0 * grain(x, y); 3], &|_, _| [80.0; 3]),
+        (&|_, _| [110.0; 3], &|x, _| [if x / 3 % 2 == 0 { 70.0 } else { 95.0 }; 3]),
+    ];
+    for (at, (floor, cloth)) in cases.into_iter().enumerate() {
+        let mut found = [&by_texture, &config()].map(|config| {
+            let mut segmenter = Segmenter::new(config.clone(), SIZE.0, SIZE.1).unwrap();
+            for _ in 0..12 {
+                segmenter.teach(&picture(noise, |x, y, _| floor(x, y))).unwrap();
+            }
+            let seen = picture(noise, |x, y, _| match (x, y) {
+                _ if is_body(x, y) => cloth(x, y),
+                (90..130, 70..110) => floor(x, y).map(|it| it * 0.7),
+                _ => floor(x, y),
+            });
+            segmenter.update(&seen).unwrap();
+            overlap(&segmenter)
+        });
+        found.reverse();
+        let [by_pixels, by_texture] = found;
+        assert!(by_texture > 0.9, "{at}: {by_texture}, by pixels {by_pixels}");
+        assert!(by_pixels < 0.7, "{at}: {by_pixels}");
+    }
+}
+
+#[test]
+fn a_lamp_that_flickers_while_learning_is_no_noise() {
+    let noise = &mut Noise(13);
+    let limits_and_spread = |flicker: f32, noise: &mut Noise| {
+        let mut segmenter = Segmenter::new(config(), SIZE.0, SIZE.1).unwrap();
+        for k in 0..12 {
+            let light = 1.0 + flicker * ((k * 5 % 12) as f32 / 5.5 - 1.0);
+            segmenter.teach(&picture(noise, |_, _, wall| wall.map(|it| it * light))).unwrap();
+        }
+        // Cloth a little darker than a shadow may be, in each light.
+        let mut shares = Vec::new();
+        for light in [0.9, 1.1] {
+            let mut segmenter = segmenter.clone();
+            let seen = picture(noise, |x, y, wall| wall.map(|it| it * light * if is_body(x, y) { 0.4 } else { 1.0 }));
+            segmenter.update(&seen).unwrap();
+            shares.push(overlap(&segmenter));
+        }
+        (segmenter.limits(), shares)
+    };
+    let (steady, _) = limits_and_spread(0.0, noise);
+    let (flickering, shares) = limits_and_spread(0.1, noise);
+    assert!(flickering[1] < 1.3 * steady[1], "{flickering:?} {steady:?}");
+    assert!(shares.iter().all(|it| *it > 0.95), "{shares:?}");
 }
 
 #[test]
@@ -122,6 +185,24 @@ fn other_light_is_no_body() {
         });
         assert_eq!(segmenter.update(&lit), Ok(Verdict::Trusted), "light {at}");
         assert!(overlap(&segmenter) > 0.9, "light {at}: {}", overlap(&segmenter));
+    }
+}
+
+#[test]
+fn a_body_as_bright_as_its_background_is_no_light_of_another_colour() {
+    let noise = &mut Noise(12);
+    let segmenter = learnt(config(), noise);
+    // Each pixel of it has the brightness of what it hides, in another colour; it covers a seventh, and two fifths, of the picture.
+    for width in [30, 90] {
+        let is_body = |x: usize, y: usize| (40..40 + width).contains(&x) && (20..110).contains(&y);
+        let mut segmenter = segmenter.clone();
+        let seen = picture(noise, |x, y, wall| {
+            let brightness = wall.iter().sum::<f32>();
+            if is_body(x, y) { [0.15, 0.6, 0.25].map(|it| it * brightness) } else { wall }
+        });
+        segmenter.update(&seen).unwrap();
+        let n = n_body(&segmenter);
+        assert!((90 * width - 12..=90 * width + 12).contains(&n), "{n} of {}", 90 * width);
     }
 }
 
