@@ -82,6 +82,8 @@ const TOLD_MISFITS: f64 = 0.05;
 /// So many times as many points that are too vague as others are told, and are the end of a cloud: what is left then are accidents [–].
 const TOLD_VAGUE: f64 = 0.15;
 const MOST_VAGUE: f64 = 8.0;
+/// A pair that stands farther apart is told: its calibration may have another unit than it says [m].
+const FAR_APART: f64 = 10.0;
 /// White pictures that wait for their map.
 const HELD: usize = 4;
 /// Poses of a head that wait for their map: as many as a set may have pictures, and again.
@@ -266,6 +268,12 @@ impl Node for Triangulator {
         report.figure(format!("cloud.vague.{name}"), self.vague as f64);
         report.figure(format!("cloud.alone.{name}"), self.alone as f64);
         report.figure(format!("cloud.sigma_mm.{name}"), 1e3 * self.sigmas / self.points as f64);
+        let apart = (self.camera.centre() - self.projector.centre()).norm();
+        if apart > FAR_APART {
+            report.remark(format!(
+                "{name}: camera and projector stand {apart:.1} m apart by the calibration, expected less than {FAR_APART} m: are its places in metres? Points have its unit"
+            ));
+        }
         std::mem::take(&mut self.remarks).into_iter().for_each(|it| report.remark(it));
         match self.refused.take().filter(|_| self.clouds == 0) {
             Some(fault) => Err(NodeError::input(format!("no set of pictures made a point cloud: {fault}"))),

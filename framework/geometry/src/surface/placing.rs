@@ -5,6 +5,7 @@
 //! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count four times as much as all others together.
 //! 3. The starts that lay most of the shape on the other go on with all detail.
 //! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
+//! 5. All of it is done again without the planes that hold most of either shape, up to three: what stands before a wall, and a wall that only one of both shows. What is kept is where most of both lies on the other.
 //!
 //! Sources: M. Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022 (rotations); those of [`super::registration`].
 //!
@@ -81,8 +82,12 @@ const FINALISTS: usize = 6;
 const FLAT_FINALISTS: usize = 12;
 /// Points of either shape at least.
 const MIN_POINTS: usize = 100;
-/// Part of a's points that must lie on b.
+/// Part of a's points that must lie on b; or of b's on a, where planes are left out.
 const MIN_OVERLAP: f64 = 0.2;
+/// Planes that are left out at most.
+const MOST_PLANES: usize = 3;
+/// Without a plane a place must be better than with it by this factor, where the parts of both that lie on the other are added.
+const BETTER: f64 = 1.03;
 /// Another place is another one beyond this turn [rad] or this part of the extent, and fits as well above this part of the best worth.
 const OTHER_TURN: f64 = 0.17;
 const OTHER_SHIFT: f64 = 0.05;
@@ -106,20 +111,89 @@ const MIN_HOLD: f64 = 0.003;
 /// # Errors
 /// See [`PlacingError`].
 pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, PlacingError> {
-    let extent = b.extent();
-    let of_a: Vec<SurfacePoint> = with_sigma(a.samples(POINTS[2]), extent / CELLS[0] * 0.1);
-    let on_b: Vec<SurfacePoint> = with_sigma(b.samples(POINTS[2]), extent / CELLS[0] * 0.1);
+    let sigma = b.extent() / CELLS[0] * 0.1;
+    let of_a: Vec<SurfacePoint> = with_sigma(a.samples(POINTS[2]), sigma);
+    let on_b: Vec<SurfacePoint> = with_sigma(b.samples(POINTS[2]), sigma);
     let on_b: Vec<SurfacePoint> = on_b.into_iter().filter(|it| it.normal != Vector3::zeros()).collect();
     for count in [of_a.len(), on_b.len()] {
         if count < MIN_POINTS {
             return Err(PlacingError::TooFewPoints { count, expected: MIN_POINTS });
         }
     }
+    let parts = [without_planes(of_a, a.extent()), without_planes(on_b, b.extent())];
+    let tolerance = a.extent().min(b.extent()) / CELLS[1];
+    let mut best: Option<(f64, Placing)> = None;
+    let mut failed = PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP };
+    for (at, (left_a, left_b)) in pairs_of_parts(parts[0].len(), parts[1].len()).enumerate() {
+        let [of_a, on_b] = [&parts[0][left_a], &parts[1][left_b]];
+        let extent = if left_b == 0 { b.extent() } else { extent(on_b) };
+        let mut placing = match place_part(b, of_a, on_b, extent, options) {
+            Ok(it) => it,
+            Err(it) if at == 0 => {
+                failed = it;
+                continue;
+            }
+            Err(_) => continue,
+        };
+        placing.overlap *= of_a.len() as f64 / parts[0][0].len() as f64;
+        let back = placing.b_from_a.inverse();
+        let shares = [
+            worth(&parts[0][0], b, &placing.b_from_a, tolerance.min(options.most)),
+            worth(&parts[1][0], a, &back, tolerance.min(options.most) * back.scaling()),
+        ];
+        let score = shares[0] + shares[1];
+        let holds = at == 0 || shares[0].max(shares[1]) >= MIN_OVERLAP;
+        if holds && best.as_ref().is_none_or(|it| score > BETTER * it.0) {
+            best = Some((score, placing));
+        }
+    }
+    best.map(|it| it.1).ok_or(failed)
+}
+
+/// The points, those without the plane that holds most of them, those without that of these, and so on, for as long as planes hold a good part.
+fn without_planes(points: Vec<SurfacePoint>, whole: f64) -> Vec<Vec<SurfacePoint>> {
+    let mut parts = vec![points];
+    while let (true, Some(last)) = (parts.len() <= MOST_PLANES, parts.last()) {
+        let size = if parts.len() == 1 { whole } else { extent(last) };
+        let Some(rest) = Flat::of(last, size).map(|it| it.standing_out(last)) else { break };
+        if rest.len() < MIN_POINTS {
+            break;
+        }
+        parts.push(rest);
+    }
+    parts
+}
+
+/// How many planes are left out of a and of b: none, some of one of them, one of each.
+fn pairs_of_parts(n_a: usize, n_b: usize) -> impl Iterator<Item = (usize, usize)> {
+    let of_both = (n_a > 1 && n_b > 1).then_some((1, 1));
+    std::iter::once((0, 0)).chain((1..n_a).map(|it| (it, 0))).chain((1..n_b).map(|it| (0, it))).chain(of_both)
+}
+
+/// Diagonal of the box around all but a few of the points [m].
+fn extent(points: &[SurfacePoint]) -> f64 {
+    let along = |axis: usize| {
+        let mut values: Vec<f64> = points.iter().map(|it| it.position[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        let few = values.len() / 100;
+        values[values.len() - 1 - few] - values[few]
+    };
+    Vector3::new(along(0), along(1), along(2)).norm()
+}
+
+/// Places points of a on those of b; `extent`: of the latter.
+fn place_part(
+    b: &Shape,
+    of_a: &[SurfacePoint],
+    on_b: &[SurfacePoint],
+    extent: f64,
+    options: &PlacingOptions,
+) -> Result<Placing, PlacingError> {
     let some: Vec<SurfacePoint> = of_a.iter().step_by(of_a.len().div_ceil(POINTS[1])).copied().collect();
-    let flat = Flat::of(&of_a, extent).zip(Flat::of(&on_b, extent));
-    let judged = flat.as_ref().map_or_else(|| some.clone(), |it| it.0.balanced(&of_a, POINTS[1]));
-    let search = Search { b, on_b: &on_b, some: &some, judged: &judged, extent, most: options.most };
-    let mut found = search.coarse(&of_a, options.n_starts);
+    let flat = Flat::of(of_a, extent).zip(Flat::of(on_b, extent));
+    let judged = flat.as_ref().map_or_else(|| some.clone(), |it| it.0.balanced(of_a, POINTS[1]));
+    let search = Search { b, on_b, some: &some, judged: &judged, extent, most: options.most };
+    let mut found = search.coarse(of_a, options.n_starts);
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut finalists: Vec<(f64, Isometry3<f64>)> = Vec::new();
     for (worth, pose) in found {
@@ -129,7 +203,7 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
     }
     if let Some((of_a_flat, of_b_flat)) = &flat {
         let has_sides = of_a.iter().any(|it| it.normal != Vector3::zeros());
-        let flats = [(of_a_flat, &of_a[..]), (of_b_flat, &on_b[..])];
+        let flats = [(of_a_flat, of_a), (of_b_flat, on_b)];
         finalists.extend(starts(flats, extent, has_sides, FLAT_FINALISTS).into_iter().map(|it| (0.0, it)));
     }
     let fine = search.surface(1);
@@ -161,7 +235,7 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
         it.0 >= AS_GIVEN * best_worth && !search.is_other(&it.1.b_from_a, &Similarity3::identity())
     };
     let best = adjusted_ones.iter().find(is_given).map_or(best, |it| it.1.clone());
-    let mut placing = adjusted(&of_a, b, &best.b_from_a, options, extent)?;
+    let mut placing = adjusted(of_a, b, &best.b_from_a, options, extent)?;
     if placing.overlap < MIN_OVERLAP {
         return Err(PlacingError::NoOverlap { overlap: placing.overlap, expected: MIN_OVERLAP });
     }
@@ -251,16 +325,9 @@ impl Search<'_> {
         })
     }
 
-    /// How much of a lies on b: Σ 1 − (d / tolerance)² of those nearer than the tolerance, over all [–].
+    /// How much of a lies on b.
     fn worth(&self, pose: &Similarity3<f64>, tolerance: f64) -> f64 {
-        let tolerance = tolerance.min(self.most);
-        let one = |it: &SurfacePoint| {
-            let place = pose * it.position;
-            let nearest = self.b.nearest_within(&place, tolerance)?;
-            let agrees = agree(&(pose.isometry.rotation * it.normal), &nearest.normal);
-            agrees.then(|| 1.0 - ((nearest.place - place).norm() / tolerance).powi(2))
-        };
-        self.judged.iter().filter_map(one).sum::<f64>() / self.judged.len() as f64
+        worth(self.judged, self.b, pose, tolerance.min(self.most))
     }
 
     fn is_other(&self, a: &Similarity3<f64>, b: &Similarity3<f64>) -> bool {
@@ -268,6 +335,17 @@ impl Search<'_> {
         a.isometry.rotation.angle_to(&b.isometry.rotation) > OTHER_TURN
             || (a * middle - b * middle).norm() > OTHER_SHIFT * self.extent
     }
+}
+
+/// How much of the points lies on a shape: Σ 1 − (d / tolerance)² of those nearer than the tolerance, over all [–].
+fn worth(points: &[SurfacePoint], shape: &Shape, pose: &Similarity3<f64>, tolerance: f64) -> f64 {
+    let one = |it: &SurfacePoint| {
+        let place = pose * it.position;
+        let nearest = shape.nearest_within(&place, tolerance)?;
+        let agrees = agree(&(pose.isometry.rotation * it.normal), &nearest.normal);
+        agrees.then(|| 1.0 - ((nearest.place - place).norm() / tolerance).powi(2))
+    };
+    points.iter().filter_map(one).sum::<f64>() / points.len() as f64
 }
 
 /// Whether normals of a pair look the same way; those that are not known do.
@@ -478,6 +556,38 @@ mod tests {
                 let worst = own.iter().map(error).fold(0.0, f64::max);
                 assert!(worst < 2e-3 && found.overlap > 0.95, "seed {seed}: {worst} m, {found:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_thing_before_a_wall_finds_its_place_on_the_thing_alone_and_the_other_way_round() {
+        let b = shape(head(20_000, 1, 0.0, |_| true), Point3::origin());
+        let behind = Point3::new(0.0, -3.0, 0.0);
+        for seed in [4, 5] {
+            let mut random = Random::new(seed);
+            // The front of it, and 1.4 m of the wall behind it: seven points in eight are of the wall.
+            let mut scan = head(2500, seed + 20, 2e-4, |it| it.y < -0.1);
+            scan.extend((0..17_500).map(|_| {
+                Point3::new(random.uniform_in(-0.7, 0.7), 0.2 + 2e-4 * random.normal(), random.uniform_in(-0.7, 0.7))
+            }));
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::from([0; 3].map(|_| random.uniform_in(-2.0, 2.0))));
+            let a_from_b = Isometry3::from_parts(Translation3::new(0.3, 0.2, -0.9), turn);
+            let moved = scan.iter().map(|it| a_from_b * it).collect();
+            let a = Shape::new(moved, Vec::new(), Vec::new(), &(a_from_b * behind)).unwrap();
+            let options = PlacingOptions { scale: false, n_starts: 300, most: f64::INFINITY };
+            let check = |found: &Placing, b_from_a: Similarity3<f64>, at: &str| {
+                let error = |it: &Point3<f64>| (b_from_a * (a_from_b * it) - it).norm();
+                let worst = scan.iter().take(2500).map(error).fold(0.0, f64::max);
+                assert!(
+                    worst < 4e-4 && found.n_open == 0 && found.other.is_none(),
+                    "{at}, {seed}: {worst} m, {found:?}"
+                );
+            };
+            let found = place(&a, &b, &options).unwrap();
+            check(&found, found.b_from_a, "scan on the thing");
+            assert!((0.08..0.16).contains(&found.overlap), "{found:?}");
+            let found = place(&b, &a, &options).unwrap();
+            check(&found, found.b_from_a.inverse(), "thing on the scan");
         }
     }
 

@@ -87,6 +87,11 @@ impl Flat {
         Some(Flat { world_from_plane: Isometry3::from_parts(Translation3::from(middle), rotation), stands_out })
     }
 
+    /// The points that stand out of it.
+    pub(super) fn standing_out(&self, points: &[SurfacePoint]) -> Vec<SurfacePoint> {
+        points.iter().zip(&self.stands_out).filter(|it| *it.1).map(|it| *it.0).collect()
+    }
+
     /// Some of the points, most of them of those that stand out: these say where the shape lies along the plane, and what scatters is judged by the median of all.
     pub(super) fn balanced(&self, points: &[SurfacePoint], n: usize) -> Vec<SurfacePoint> {
         let of = |is_out: bool, most: usize| {

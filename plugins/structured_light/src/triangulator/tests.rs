@@ -96,6 +96,22 @@ fn points_have_the_gray_levels_of_the_white_picture_even_where_it_comes_after_th
     assert_eq!(clouds[0].value.iter().next().unwrap().colour, [77; 3]);
 }
 
+#[test]
+fn a_pair_in_millimetres_is_told() {
+    for (per_metre, is_told) in [(1.0, false), (1000.0, true)] {
+        let mut setup = setup();
+        let mut calibration = (*setup.calibration).clone();
+        for it in &mut calibration.cameras {
+            it.camera.camera_from_world.translation.vector *= per_metre;
+        }
+        setup.calibration = Arc::new(calibration);
+        let mut bench = NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &setup).unwrap();
+        bench.feed(&MAP, Time::ZERO, map(0.05)).unwrap();
+        let remarks = bench.finish().unwrap().remarks.concat();
+        assert_eq!(remarks.contains("m apart by the calibration, expected less than 10 m"), is_told, "{remarks}");
+    }
+}
+
 /// The map with what `of` makes of each pixel's sample and place.
 fn changed(whole: &ProjectorMap, of: impl Fn(usize, usize) -> ProjectorSample) -> ProjectorMap {
     let mut map = ProjectorMap { samples: Vec::new(), name: "scan".to_owned(), ..whole.clone() };
