@@ -19,6 +19,8 @@
 //! | [`tracker`] | [`BodyTracker`]: one body through all frames, with the levels of §6 |
 
 pub mod acquire;
+#[cfg(test)]
+mod drawn;
 mod facing;
 pub mod field;
 pub mod filter;

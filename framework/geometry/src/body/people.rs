@@ -3,7 +3,7 @@
 //! A component of voxels that one body alone is near is that body's, however its limbs have moved in between; where two are near (they touch), each voxel goes to the nearer skin.
 //! Silhouettes that lose a strip across a knee cut a body into several components: a component too small for a body goes with what lies beside it ([`PeopleOptions::gap`]).
 //! What is near no body may be a new one, and is tried in each frame until it is found or named: nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
-//! body does not explain, the rest is tried too: somebody who came in close to somebody else.
+//! body does not explain, the rest is tried too: somebody who came in close to somebody else. A trunk without limbs that lies at somebody's feet is soon nobody: silhouettes that hold a shadow make such hulls.
 
 use std::collections::BTreeSet;
 
@@ -12,8 +12,8 @@ use nalgebra::{Point3, Vector3};
 use super::acquire::AcquisitionFailure;
 use super::field::VoxelField;
 use super::fit::{Labelled, Skins};
-use super::parts::Part;
-use super::tracker::{BodyTracker, TrackerOptions};
+use super::parts::{Limb, Part};
+use super::tracker::{BodyTracker, LimbLevel, TrackerOptions};
 
 /// How bodies are told apart.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,6 +82,8 @@ pub struct Followed {
     pub age_s: f64,
     /// Whether voxels were its own in this frame.
     pub is_seen: bool,
+    /// How long it was a trunk without limbs that lies at somebody else's [s].
+    doubt_s: f64,
 }
 
 /// What happened since the start.
@@ -93,6 +95,16 @@ pub struct Counts {
     pub lost: u64,
     /// Times that voxels as large as a body were tried in vain.
     pub failed: u64,
+}
+
+/// Who has which voxels.
+struct Shares {
+    /// By body.
+    owners: Vec<Vec<usize>>,
+    /// By body: whether it has voxels that hang together with those of another.
+    is_shared: Vec<bool>,
+    /// Components of which nobody has any.
+    left: Vec<Vec<usize>>,
 }
 
 /// All bodies of a volume.
@@ -132,7 +144,7 @@ impl People {
         dt_s: f64,
         labelled: impl Fn(u32, &BodyTracker) -> Vec<Labelled>,
     ) -> Vec<Unmodelled> {
-        let (owners, left) = self.share_out(cubes);
+        let Shares { owners, is_shared, left } = self.share_out(cubes);
         for (place, followed) in self.followed.iter_mut().enumerate() {
             followed.age_s += dt_s;
             followed.is_seen = !owners[place].is_empty();
@@ -144,6 +156,10 @@ impl People {
                 }
                 None => followed.tracker.coast(dt_s),
             }
+            let tracker = &followed.tracker;
+            let is_trunk = Limb::ALL.iter().all(|it| tracker.level(*it) == LimbLevel::Absent);
+            let is_doubtful = is_shared[place] && is_trunk && upright_of(tracker) < BESIDE_UPRIGHT;
+            followed.doubt_s = if is_doubtful { followed.doubt_s + dt_s } else { 0.0 };
         }
         // Somebody new beside somebody: voxels that hang together with a body and are not near it.
         let mut beside = Vec::new();
@@ -155,7 +171,8 @@ impl People {
             }
         }
         let before = self.followed.len();
-        self.followed.retain(|it| !it.tracker.is_lost());
+        let most_s = self.options.tracker.levels.lost_s;
+        self.followed.retain(|it| !it.tracker.is_lost() && it.doubt_s <= most_s);
         self.counts.lost += (before - self.followed.len()) as u64;
         let mut unmodelled = Vec::new();
         for voxels in left {
@@ -167,8 +184,7 @@ impl People {
         unmodelled
     }
 
-    /// Voxels of each body, and components of which nobody has any.
-    fn share_out(&self, cubes: &Cubes) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
+    fn share_out(&self, cubes: &Cubes) -> Shares {
         let groups = groups(cubes, self.options.gap, self.options.tracker.acquisition.least_volume);
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); groups.len()];
         for (voxel, component) in cubes.components.iter().enumerate() {
@@ -177,6 +193,7 @@ impl People {
         members.retain(|it| !it.is_empty());
         let skins: Vec<Skins> = self.followed.iter().map(|it| it.tracker.skins()).collect();
         let mut owners: Vec<Vec<usize>> = vec![Vec::new(); self.followed.len()];
+        let mut is_shared = vec![false; self.followed.len()];
         let mut left = Vec::new();
         for voxels in members {
             // One voxel in eight tells who is near, all if they are few.
@@ -204,6 +221,7 @@ impl People {
                 }
                 [one] => owners[one].extend(voxels),
                 _ => {
+                    close.iter().for_each(|it| is_shared[*it] = true);
                     for voxel in voxels {
                         let centre = cubes.centre(voxel);
                         let away = close.iter().map(|&it| (skins[it].distance(&centre), it));
@@ -214,7 +232,7 @@ impl People {
                 }
             }
         }
-        (owners, left)
+        Shares { owners, is_shared, left }
     }
 
     /// Makes a body of voxels, or says why not. `beside`: they hang together with another body.
@@ -229,7 +247,7 @@ impl People {
                 Ok(tracker) if self.followed.len() < self.options.most && !self.is_known(&tracker) => {
                     let skins = tracker.skins();
                     voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
-                    self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true });
+                    self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true, doubt_s: 0.0 });
                     self.next_id += 1;
                     self.counts.found += 1;
                     continue;
@@ -250,10 +268,9 @@ impl People {
 
     /// Who comes in close to somebody else walks in; who lies there is found once apart.
     fn upright(&self, tracker: BodyTracker, field: &VoxelField) -> Result<BodyTracker, AcquisitionFailure> {
-        let body = &tracker.filter().body;
-        let upright = (body.turn(Part::Torso) * Vector3::z()).z;
+        let upright = upright_of(&tracker);
         let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min);
-        let found = body.centre(Part::Head).z - lowest;
+        let found = tracker.filter().body.centre(Part::Head).z - lowest;
         let expected = BESIDE_HEAD * self.options.tracker.proportions.stature;
         if upright >= BESIDE_UPRIGHT && found >= expected {
             return Ok(tracker);
@@ -266,6 +283,11 @@ impl People {
         let found = head(tracker);
         self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
     }
+}
+
+/// Cosine between the torso and the vertical [–].
+fn upright_of(tracker: &BodyTracker) -> f64 {
+    (tracker.filter().body.turn(Part::Torso) * Vector3::z()).z
 }
 
 /// Of each component, the number of one that it goes with: small ones go with what lies across a gap, as far as cubes of its size that touch tell.
@@ -314,6 +336,7 @@ fn root(group: &[usize], of: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body::drawn;
 
     /// Boxes of cubes of 20 mm, each a component of its own: first and last index along x; 10 × 40 cubes (8 l a 10 along x).
     fn boxes(along: &[[u16; 2]]) -> (Vec<[u16; 3]>, Vec<u16>) {
@@ -333,6 +356,32 @@ mod tests {
         let (indices, components) = boxes(along);
         let cubes = Cubes { size: 0.02, origin: Point3::origin(), indices: &indices, components: &components };
         groups(&cubes, 0.06, 0.02)
+    }
+
+    #[test]
+    fn a_trunk_without_limbs_that_lies_at_somebodys_feet_is_nobody_before_long() {
+        let p = |x: f64, y: f64| Point3::new(x, y, 0.12);
+        let shadow = [([p(0.95, 0.0), p(0.98, 0.0)], 0.1), ([p(0.65, 0.0), p(0.9, 0.0)], 0.055)];
+        let trunk = [-1.0, 1.0].map(|side| ([p(0.3, side * 0.08), p(0.72, side * 0.09)], 0.105));
+        let lying = [&shadow[..], &trunk[..]].concat();
+        // Beside it stands nobody, then somebody whose feet touch it.
+        let both = [&lying[..], &drawn::somebody()[..]].concat();
+        for (tubes, expected) in [(&lying, 0), (&both, 1)] {
+            let mut people = People::new(PeopleOptions::default());
+            let alone = drawn::indices(&lying);
+            let one = vec![0; alone.len()];
+            let cubes = |indices| Cubes { size: drawn::SIZE, origin: drawn::ORIGIN, indices, components: &one };
+            people.step(&cubes(&alone), 0.0, |_, _| Vec::new());
+            assert_eq!(people.list().len(), 1, "a trunk and a head lie there");
+            let indices = drawn::indices(tubes);
+            let components = vec![0; indices.len()];
+            for _ in 0..30 {
+                let cubes = Cubes { components: &components, ..cubes(&indices) };
+                people.step(&cubes, 1.0 / 30.0, |_, _| Vec::new());
+            }
+            let ids: Vec<u32> = people.list().iter().map(|it| it.id).collect();
+            assert_eq!(ids, [expected]);
+        }
     }
 
     #[test]

@@ -273,35 +273,10 @@ mod tests {
     use nalgebra::{Point3, UnitQuaternion};
 
     use super::*;
-    use crate::body::TrackerOptions;
+    use crate::body::{TrackerOptions, drawn};
 
-    const SIZE: f64 = 0.03;
-
-    /// Voxels of tubes with round ends: somebody with hanging arms.
     fn somebody() -> VoxelField {
-        let p = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
-        let mut tubes =
-            vec![([p(0.0, 0.0, 1.62), p(0.0, 0.0, 1.65)], 0.10), ([p(0.0, 0.0, 1.40), p(0.0, 0.0, 1.60)], 0.055)];
-        for side in [-1.0, 1.0] {
-            tubes.push(([p(0.0, side * 0.08, 0.95), p(0.0, side * 0.09, 1.36)], 0.105));
-            tubes.push(([p(0.0, 0.0, 1.42), p(0.0, side * 0.18, 1.42)], 0.06));
-            tubes.push(([p(0.0, side * 0.18, 1.42), p(0.0, side * 0.27, 1.14)], 0.046));
-            tubes.push(([p(0.0, side * 0.27, 1.14), p(0.08, side * 0.30, 0.80)], 0.04));
-            tubes.push(([p(0.0, side * 0.09, 0.90), p(0.10, side * 0.16, 0.50)], 0.075));
-            tubes.push(([p(0.10, side * 0.16, 0.50), p(0.0, side * 0.18, 0.06)], 0.055));
-            tubes.push(([p(0.0, side * 0.18, 0.06), p(0.16, side * 0.18, 0.06)], 0.04));
-        }
-        let origin = Point3::new(-0.6, -0.9, 0.0);
-        let is_in = |index: &[u16; 3]| {
-            let place = origin + Vector3::from(index.map(|it| f64::from(it) + 0.5)) * SIZE;
-            tubes.iter().any(|([a, b], radius)| {
-                let along = b - a;
-                let share = ((place - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-                (place - (a + along * share)).norm() < *radius
-            })
-        };
-        let all = (0..40_u16).flat_map(|x| (0..60_u16).flat_map(move |y| (0..60_u16).map(move |z| [x, y, z])));
-        VoxelField::new(SIZE, &origin, &all.filter(is_in).collect::<Vec<_>>()).unwrap()
+        drawn::field(&drawn::somebody())
     }
 
     #[test]
