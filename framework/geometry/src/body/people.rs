@@ -83,7 +83,7 @@ pub struct Followed {
     /// Whether voxels were its own in this frame.
     pub is_seen: bool,
     /// How long it was a trunk without limbs that lies at somebody else's [s].
-    doubt_s: f64,
+    pub doubt_s: f64,
 }
 
 /// What happened since the start.
