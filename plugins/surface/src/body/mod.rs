@@ -6,6 +6,7 @@
 //!
 //! A fit that is not to be believed is given out as no body, with the reason in `unmodelled`, and counted; the next message starts anew.
 
+mod clicks;
 mod message;
 mod outline;
 mod picture;
@@ -59,6 +60,16 @@ pub enum Model {
     LeftArm,
     /// A whole person.
     Person,
+}
+
+impl Model {
+    fn name(self) -> &'static str {
+        match self {
+            Model::RightArm => "right_arm",
+            Model::LeftArm => "left_arm",
+            Model::Person => "person",
+        }
+    }
 }
 
 /// The form of the equation of a point.
@@ -201,6 +212,8 @@ pub struct BodyFitter {
     outlines: BTreeMap<CameraId, Outline>,
     /// Lines of sight that messages were fitted to, and messages.
     rays: (u64, u64),
+    /// Messages at whose start joints came of which the model has none, and the first of these joints.
+    foreign: Option<(u64, usize)>,
     /// Silhouettes that came too late for the message of their moment.
     late: u64,
     last_time: Option<Time>,
@@ -247,7 +260,9 @@ impl Node for BodyFitter {
                     format!("found {:?} for {}, expected numbers", it.at, it.joint),
                 ));
             }
-            clicked.insert(number, Point3::from(it.at));
+            if clicked.insert(number, Point3::from(it.at)).is_some() {
+                return Err(ConfigError::at("clicked", format!("found {} twice, expected each joint once", it.joint)));
+            }
         }
         if settings.picture {
             setup.claim_file(Some("picture"), "body.svg")?;
@@ -257,6 +272,17 @@ impl Node for BodyFitter {
             Model::LeftArm => metaball::arm(Side::Left, settings.height_m),
             Model::Person => metaball::person(settings.height_m),
         };
+        let own: Vec<&str> = (0..BODY_JOINTS.len())
+            .filter(|it| message::joint_place(&body, *it).is_some())
+            .map(|it| BODY_JOINTS[it])
+            .collect();
+        if let Some(other) = settings.clicked.iter().find(|it| !own.contains(&it.joint.as_str())) {
+            let expected = own.join(", ");
+            return Err(ConfigError::at(
+                "clicked",
+                format!("found the joint `{}`, expected one of the model's: {expected}", other.joint),
+            ));
+        }
         if settings.balls != 3 {
             let all = 0..body.skeleton.segments().len();
             for segment in all.filter(|it| message::is_limb(&body.skeleton, *it)).collect::<Vec<_>>() {
@@ -300,6 +326,7 @@ impl Node for BodyFitter {
             rays: (0, 0),
             late: 0,
             last_time: None,
+            foreign: None,
         })
     }
 
@@ -321,6 +348,12 @@ impl Node for BodyFitter {
             let lowest = joints.value.list.iter().map(|it| it.id.0 / 100).min();
             for target in joints.value.list.iter().filter(|it| Some(it.id.0 / 100) == lowest) {
                 clicks.insert((target.id.0 % 100) as usize, target.position);
+            }
+            let body = self.tracker.body();
+            if let Some(first) =
+                clicks.keys().next().filter(|_| clicks.keys().all(|it| message::joint_place(body, *it).is_none()))
+            {
+                self.foreign.get_or_insert((0, *first)).0 += 1;
             }
         }
         let surface = &tracked.value;
@@ -369,6 +402,13 @@ impl Node for BodyFitter {
         report.figure("body.iterations", self.iterations.0 as f64 / self.iterations.1 as f64);
         if self.rays.0 + self.late > 0 {
             report.figure("body.silhouette_rays", self.rays.0 as f64 / self.rays.1 as f64);
+        }
+        if let Some((n, first)) = self.foreign {
+            let first = BODY_JOINTS.get(first).copied().unwrap_or("one without a name");
+            report.remark(format!(
+                "of the joints at `joints` ({first} and so on) none is the model's, in {n} messages: expected those of `model = \"{}\"`; the points alone say how it lies",
+                self.settings.model.name()
+            ));
         }
         if self.late > 0 {
             report.remark(format!(

@@ -168,15 +168,35 @@ fn an_arm_without_clicks_that_only_fits_as_few_people_are_is_refused_and_two_cli
 }
 
 #[test]
-fn clicks_of_shoulder_and_wrist_that_are_exchanged_are_told() {
-    let mut settings = settings();
-    let [shoulder, _, wrist] = [0, 1, 2].map(|it| settings.clicked[it].at);
-    (settings.clicked[0].at, settings.clicked[2].at) = (wrist, shoulder);
-    let mut bench = NodeBench::<BodyFitter>::new(settings).unwrap();
-    bench.feed(&TRACKED, Time::ZERO, points(0.0, 800)).unwrap();
-    let message = bench.outputs(&SKELETONS).remove(0).value;
-    assert!(message.list.is_empty(), "{:?}", message.list);
-    assert!(message.unmodelled[0].reason.contains("look exchanged"), "{}", message.unmodelled[0].reason);
+fn clicks_in_any_other_order_are_told_and_those_of_other_joints_or_units_too() {
+    let first = |of: &dyn Fn(&mut Vec<Clicked>)| {
+        let mut settings = settings();
+        of(&mut settings.clicked);
+        let mut bench = NodeBench::<BodyFitter>::new(settings).unwrap();
+        bench.feed(&TRACKED, Time::ZERO, points(0.0, 800)).unwrap();
+        bench.outputs(&SKELETONS).remove(0).value
+    };
+    assert_eq!(first(&|_| ()).list.len(), 1);
+    for order in [[1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]] {
+        let message = first(&|clicked| {
+            let at = order.map(|it| clicked[it].at);
+            clicked.iter_mut().zip(at).for_each(|(it, at)| it.at = at);
+        });
+        assert!(message.list.is_empty(), "{order:?}: {:?}", message.list);
+        let reason = &message.unmodelled[0].reason;
+        assert!(reason.contains("look exchanged"), "{order:?}: {reason}");
+    }
+    let millimetres = first(&|clicked| clicked.iter_mut().for_each(|it| it.at = it.at.map(|it| 1e3 * it)));
+    let reason = &millimetres.unmodelled[0].reason;
+    assert!(reason.contains("m apart, expected about") && reason.contains("clicks are in metres"), "{reason}");
+    let refused = |clicked: Vec<Clicked>| {
+        BodyFitter::new(BodySettings { clicked, ..settings() }, &Setup::for_tests()).err().unwrap().message
+    };
+    let right = settings().clicked;
+    let other = refused([&right[..1], &[Clicked { joint: "left-wrist".to_owned(), at: [0.0; 3] }]].concat());
+    assert!(other.contains("expected one of the model's: right-shoulder, right-elbow, right-wrist"), "{other}");
+    let twice = refused([&right[..], &right[..1]].concat());
+    assert!(twice.contains("found right-shoulder twice"), "{twice}");
 }
 
 #[test]

@@ -8,6 +8,7 @@ use foveate::geometry::metaball::{
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
+use super::clicks;
 use super::message::{Before, joint_place, skeleton_of};
 use super::outline::Outline;
 
@@ -29,8 +30,12 @@ const LENGTH_SIGMA: f64 = 0.045;
 const UPPER_ARM_SIGMA: f64 = 0.07;
 /// Lengths of people farther from what goes with their stature are no people's: three standard deviations of all people, 6 % [σ of [`LENGTH_SIGMA`]].
 const MOST_LENGTH_SIGMAS: f64 = 4.0;
-/// Joints of a person with left and right exchanged that fit better than by this: of simulated people 0.7 where they were exchanged, 1.3 and more where not [–].
-const LIKE_MIRRORED: f64 = 0.9;
+/// Clicked joints under other names are right where all that does not fit is less by this factor and by so much: of simulated arms and people in right order it is a half of that in any other at most, and mostly a fifth [–].
+const MUCH_BETTER: f64 = 2.0;
+const CLEARLY: f64 = 4.0;
+const CLEARLY_IN_SIZE: f64 = 2.0;
+/// What points off the body count beside squared standard deviations, all of them: as much as lengths and clicks that are far off [–].
+const OFF_WEIGHT: f64 = 50.0;
 /// Points may be farther by so much from a body whose lengths are people's than from one whose lengths are not [–].
 const AS_NEAR: f64 = 1.1;
 /// A point is of no part of the body as it lies when it is farther from its surface: cloth hangs off by less [m].
@@ -321,6 +326,15 @@ impl BodyTracker {
         if self.shape.1 < self.rules.shape_frames { Free::ALL } else { Free::POSTURE }
     }
 
+    /// All that does not fit of a body that was begun from clicks, the last `n_clicks` of its observations: squared standard deviations of points in the mean, of clicks, lengths and thicknesses, and the points that are off it.
+    fn misfit(&self, fit: &BodyFit, n_clicks: usize) -> f64 {
+        let clicks = &fit.distances_m[fit.distances_m.len() - n_clicks..];
+        let off_clicks: f64 = clicks.iter().map(|it| (it / self.rules.clicked_m).powi(2)).sum();
+        let share = fit.outliers as f64 / (fit.distances_m.len() - n_clicks).max(1) as f64;
+        let of_points = (fit.rms_m / self.rules.options.model_sigma_m).powi(2);
+        of_points + off_clicks + off_people(&fit.state, &self.template) + OFF_WEIGHT * share
+    }
+
     /// From clicked joints, or from the points alone.
     fn anew(
         &self,
@@ -330,11 +344,10 @@ impl BodyTracker {
     ) -> Result<BodyFit, (&'static str, String)> {
         let mut start = self.known(&self.template);
         let points = [&self.observed(chosen)[..], rays].concat();
-        let anchored = |(joint, at): (&usize, &Point3<f64>)| {
-            let (segment, place) = joint_place(&self.body, *joint)?;
-            Some(BodyObservation::Anchored { segment, place, at: *at, sigma_m: self.rules.clicked_m })
-        };
-        let anchors: Vec<BodyObservation> = clicks.iter().filter_map(anchored).collect();
+        let clicks: Vec<(usize, Point3<f64>)> =
+            clicks.iter().map(|it| (*it.0, *it.1)).filter(|it| joint_place(&self.body, it.0).is_some()).collect();
+        let clicked_m = self.rules.clicked_m;
+        let anchors = clicks::anchors(&self.body, &clicks, clicked_m);
         let options = BodyFitOptions { free: self.free(), ..self.rules.options.clone() };
         let n = chosen.len() as f64;
         let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
@@ -351,31 +364,30 @@ impl BodyTracker {
             fit_body(&self.body, observations, start, &priors, options).map_err(|it| ("no_start", it.to_string()))
         };
         if is_clicked {
+            if let Some(reason) = clicks::too_far_apart(&self.body, &self.template, &clicks, clicked_m) {
+                return Err(("no_start", reason));
+            }
             start.world_from_root.translation.vector = centroid;
             let clicked = [&points[..], &anchors].concat();
             let found = self.in_proportion(fit(&start, &clicked, &options)?, &clicked, &options);
-            let off = off_people(&found.state, &self.template);
-            if self.body.skeleton.n_scales() <= ARM_SCALES {
-                let turned = fit(&start, &[&points[..], &exchanged(&anchors)].concat(), &options)?;
-                let other = off_people(&turned.state, &self.template);
-                if turned.rms_m < found.rms_m.max(self.rules.options.model_sigma_m)
-                    && 2.0 * other < off
-                    && other + 2.0 < off
-                {
+            let is_person = self.body.skeleton.n_scales() > ARM_SCALES;
+            let n_clicks = anchors.len();
+            let own = self.misfit(&found, n_clicks);
+            for other in clicks::other_readings(&self.body, &self.template, &clicks, clicked_m, is_person) {
+                let anchors = clicks::anchors(&self.body, &other.clicks, clicked_m);
+                let Ok(turned) = fit(&start, &[&points[..], &anchors].concat(), &options) else { continue };
+                let misfit = self.misfit(&turned, n_clicks);
+                let is_better = MUCH_BETTER * misfit < own && misfit + CLEARLY < own;
+                // An arm alone is nearly as right the other way round: there how long and thick it is decides.
+                let [size, turned_size] = [&found, &turned].map(|it| off_people(&it.state, &self.template));
+                let is_like_people = !is_person
+                    && turned.rms_m < found.rms_m.max(self.rules.options.model_sigma_m)
+                    && MUCH_BETTER * turned_size < size
+                    && turned_size + CLEARLY_IN_SIZE < size;
+                if is_better || is_like_people {
                     let reason = format!(
-                        "the clicked shoulder and wrist look exchanged: as they are, lengths and thicknesses are {off:.0} squared standard deviations from what people have, exchanged {other:.0}"
-                    );
-                    return Err(("no_start", reason));
-                }
-            }
-            // People are not alike from front and back, feet and knees least.
-            if self.body.skeleton.n_scales() > ARM_SCALES && found.rms_m > self.rules.options.model_sigma_m {
-                let turned = fit(&start, &[&points[..], &mirrored(&self.body, &anchors)].concat(), &options)?;
-                if turned.rms_m < LIKE_MIRRORED * found.rms_m {
-                    let reason = format!(
-                        "left and right of the clicked joints look exchanged: points are {:.1} mm off the body as they are, exchanged {:.1} mm",
-                        1e3 * found.rms_m,
-                        1e3 * turned.rms_m
+                        "{} look exchanged: as they are, points, clicks, lengths and thicknesses are {own:.1} squared standard deviations off a person's, exchanged {misfit:.1}",
+                        other.what
                     );
                     return Err(("no_start", reason));
                 }
@@ -455,29 +467,6 @@ pub(super) fn stray(chosen: &[&TrackedPoint], fit: &BodyFit) -> Option<String> {
     })
 }
 
-/// The joints of an arm with its ends exchanged.
-fn exchanged(anchors: &[BodyObservation]) -> Vec<BodyObservation> {
-    let places = |of: &BodyObservation| match of {
-        BodyObservation::Anchored { segment, at, .. } => Some((*segment, *at)),
-        _ => None,
-    };
-    let (first, last) = (
-        anchors.iter().filter_map(places).min_by_key(|it| it.0),
-        anchors.iter().filter_map(places).max_by_key(|it| it.0),
-    );
-    let mut turned = anchors.to_vec();
-    for it in &mut turned {
-        if let (BodyObservation::Anchored { segment, at, .. }, Some(first), Some(last)) = (it, first, last) {
-            match *segment {
-                own if own == first.0 => *at = last.1,
-                own if own == last.0 => *at = first.1,
-                _ => (),
-            }
-        }
-    }
-    turned
-}
-
 /// How far lengths and thicknesses are from what people have: the sum of squares, in standard deviations.
 fn off_people(state: &State, template: &State) -> f64 {
     let usual = anthropometric(template);
@@ -533,21 +522,4 @@ pub(super) fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
     }
     // Nothing but hands, feet or a single limb.
     (supported < 2).then(|| ("few_limbs", format!("points on {supported} of its segments, expected 2 at least")))
-}
-
-/// Clicked joints with left and right exchanged.
-fn mirrored(body: &Body, anchors: &[BodyObservation]) -> Vec<BodyObservation> {
-    let bones = &body.skeleton;
-    let other = |segment: usize| {
-        let name = &bones.segments()[segment].name;
-        let mirror = if name.ends_with("left") { name.replace("left", "right") } else { name.replace("right", "left") };
-        bones.find(&mirror).unwrap_or(segment)
-    };
-    let mut turned = anchors.to_vec();
-    for it in &mut turned {
-        if let BodyObservation::Anchored { segment, .. } = it {
-            *segment = other(*segment);
-        }
-    }
-    turned
 }
