@@ -98,6 +98,10 @@ pub struct TargetCalibrator {
 
 /// A rectangle without a name is the one that is seen this near to it, in steps of the rows.
 const NEAR: f64 = 0.2;
+/// Rectangles are found to a fraction of a pixel: farther off than this in the mean, the sizes of the target are others [px].
+const MOST_RMS_PX: f64 = 1.5;
+/// Two cameras nearer to each other than this part of their distance from the target took one picture [–].
+const ONE_PLACE: f64 = 1e-3;
 /// Turns of holding out.
 const TURNS: usize = 5;
 
@@ -165,6 +169,19 @@ impl Node for TargetCalibrator {
             return Err(NodeError::input(faults.join("; ")));
         }
         faults.into_iter().for_each(|it| report.remark(it));
+        for (at, a) in cameras.iter().enumerate() {
+            for b in &cameras[at + 1..] {
+                let (here, apart) = (a.camera.centre(), (a.camera.centre() - b.camera.centre()).norm());
+                if apart < ONE_PLACE * here.coords.norm() {
+                    report.remark(format!(
+                        "`{}` and `{}` stand {:.2} mm apart, expected cameras at two places: is it one camera's picture twice?",
+                        a.name,
+                        b.name,
+                        1e3 * apart
+                    ));
+                }
+            }
+        }
         let origin = format!(
             "surface.calibrator: cameras around a cylinder of {} mm with {} columns of known places",
             self.settings.radius_mm, self.settings.columns
@@ -202,6 +219,12 @@ impl TargetCalibrator {
             camera_from_points(image_size, &pairs, free).map_err(|it| it.to_string())?;
         let kept: Vec<KnownPoint> = pairs.iter().zip(&used).filter(|it| *it.1).map(|it| *it.0).collect();
         report.figure(format!("calibration.rms_px.{name}"), rms_px);
+        if rms_px > MOST_RMS_PX {
+            report.remark(format!(
+                "`{name}`: rectangles are {rms_px:.2} px off their places, root mean square, expected less than {MOST_RMS_PX} px: are `radius_mm`, `column_mm` and `row_mm` ({}, {}, {}) those of the target?",
+                self.settings.radius_mm, self.settings.column_mm, self.settings.row_mm
+            ));
+        }
         report.figure(format!("calibration.rectangles.{name}"), kept.len() as f64);
         report.figure(format!("calibration.left_out.{name}"), (pairs.len() - kept.len()) as f64);
         report.figure(format!("calibration.focal_sigma.{name}"), focal_sigma);

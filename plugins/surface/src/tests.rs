@@ -504,9 +504,8 @@ fn a_real_target_calibrates_its_cameras() {
     let setup = Setup { calibration, out_dir: Some(out.path().to_path_buf()), ..Setup::for_tests() };
     let settings = crate::calibrator::CalibratorSettings::default();
     let file = out.path().join(&settings.file);
-    let mut calibrator = NodeBench::<crate::calibrator::TargetCalibrator>::with_setup(settings, &setup).unwrap();
     // What the peer's operator marked by hand.
-    for ((id, name), marked) in names.iter().enumerate().zip([3..=9, 5..=12]) {
+    let found = names.iter().zip([3..=9, 5..=12]).enumerate().map(|(id, (name, marked))| {
         let pixels =
             image::open(folder.join(format!("calibration_object_{name}.jpg"))).unwrap().into_luma8().into_raw();
         let camera = CameraId(id as u16);
@@ -518,9 +517,26 @@ fn a_real_target_calibrates_its_cameras() {
         let columns: std::collections::BTreeSet<u32> =
             features.list.iter().filter_map(|it| it.label).map(|it| it / 20 + 1).collect();
         assert!(marked.clone().all(|it| columns.contains(&it)), "{name}: {columns:?}");
-        calibrator.feed(&crate::calibrator::FEATURES, Time::ZERO, Features::clone(&features)).unwrap();
-    }
-    let figures = calibrator.finish().unwrap().figures;
+        features
+    });
+    let found: Vec<_> = found.collect();
+    let calibrated = |settings: crate::calibrator::CalibratorSettings, of_cameras: [usize; 2]| {
+        let mut calibrator = NodeBench::<crate::calibrator::TargetCalibrator>::with_setup(settings, &setup).unwrap();
+        for (id, of) in of_cameras.into_iter().enumerate() {
+            let features = Features { camera: CameraId(id as u16), ..Features::clone(&found[of]) };
+            calibrator.feed(&crate::calibrator::FEATURES, Time::ZERO, features).unwrap();
+        }
+        calibrator.finish().unwrap()
+    };
+    // A target of another size, and one camera's picture twice, are told.
+    let larger = crate::calibrator::CalibratorSettings { radius_mm: 70.0, ..settings.clone() };
+    let said = calibrated(larger, [0, 1]).remarks.concat();
+    assert!(said.contains("expected less than 1.5 px: are `radius_mm`"), "{said}");
+    let said = calibrated(settings.clone(), [1, 1]).remarks.concat();
+    assert!(said.contains("`201` and `202` stand 0.00 mm apart"), "{said}");
+    let report = calibrated(settings, [0, 1]);
+    assert!(report.remarks.is_empty(), "{:?}", report.remarks);
+    let figures = report.figures;
     for name in names {
         let of = |what: &str| figures[&format!("calibration.{what}.{name}")];
         assert!(of("rms_px") < 0.5 && of("held_out_px") < 0.6 && of("linear_px") > 2.0, "{figures:?}");

@@ -8,6 +8,8 @@ use foveate_rig::graph::{Graph, Instance};
 /// Lines shown of each scale at most, and of all scales together; the rest is in the file.
 const LINES_OF_SCALE: usize = 16;
 const LINES: usize = 44;
+/// Of so many cameras what a node without outputs measured of each is shown.
+const FEW_CAMERAS: usize = 4;
 /// Last parts of names that are statistics of one quantity.
 const STATISTICS: [&str; 8] = ["median", "mean", "p90", "p95", "p99", "max", "min", "rms"];
 /// Units of errors, at the end of the name of a quantity.
@@ -55,7 +57,7 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
         let node = report.origins.get(name).and_then(|path| graph.instances.iter().find(|it| it.path == *path));
         // What is said of each camera, and a node's own bookkeeping, are for the file.
         let is_shown = is_of_the_only_camera(graph, node, report.figures.keys(), name)
-            || node.is_some_and(|it| is_result(graph, it, name));
+            || node.is_some_and(|it| is_result(graph, it, name) || is_result_of_few(graph, it, name));
         if is_for_the_file(graph, name) && !is_shown {
             n_left_out += 1;
             continue;
@@ -105,6 +107,12 @@ fn is_for_the_file(graph: &Graph, name: &str) -> bool {
 fn is_result(graph: &Graph, node: &Instance, name: &str) -> bool {
     let is_of_all = !name.contains('[') && !of_camera(graph, name);
     node.node_type.ports.outputs.is_empty() && is_kept_by(node, name) && is_of_all && is_measured(name)
+}
+
+/// The same of each camera where there are few, as of the two that a target calibrates.
+fn is_result_of_few(graph: &Graph, node: &Instance, name: &str) -> bool {
+    let is_plain = !name.contains('[') && !is_kept_by(node, name) && is_measured(name);
+    node.node_type.ports.outputs.is_empty() && is_plain && graph.calibration.cameras.len() <= FEW_CAMERAS
 }
 
 /// Whether a figure is a length, an angle or a time, and no count.
