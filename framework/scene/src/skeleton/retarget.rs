@@ -19,6 +19,12 @@ const LEGS_ALIKE: f64 = 0.1;
 /// The first joint of a skeleton that has legs is at least this high, over the height of all; people's hips are halfway up [–].
 const LEAST_HIPS: f64 = 0.25;
 
+/// Heights of joints at rest that vary by less than this part of the height of all do not say which way is up, standard deviation [–].
+const LEAST_VARIED: f64 = 0.1;
+
+/// A direction along which higher joints of a rig are found is up where it is this near to an axis, cosine [–].
+const LEAST_UPRIGHT: f64 = 0.8;
+
 /// A joint of a rig at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigJoint {
@@ -208,7 +214,75 @@ fn laid_along(from: &[Vector3<f64>], to: &[Vector3<f64>], near: UnitQuaternion<f
     }
 }
 
-/// The frames of `motion` on `rig`. `map` names joints of the rig with those of the motion that they follow; `up` is the axis that points up in both.
+/// Which way is up in a motion, along one of its axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ups {
+    /// In its skeleton at rest.
+    pub rest: Vector3<f64>,
+    /// As it moves.
+    pub moving: Vector3<f64>,
+}
+
+impl Ups {
+    /// The same axis at rest and as it moves.
+    pub fn both(axis: Axis) -> Ups {
+        Ups { rest: unit(axis), moving: unit(axis) }
+    }
+
+    /// Whether this is how the rig stands.
+    pub fn are(&self, axis: Axis) -> bool {
+        *self == Ups::both(axis)
+    }
+}
+
+fn unit(axis: Axis) -> Vector3<f64> {
+    let mut unit = Vector3::zeros();
+    unit[axis.index()] = 1.0;
+    unit
+}
+
+/// The turn that brings what is up to the axis that is up in the rig.
+fn upright(from: &Vector3<f64>, up: Axis) -> UnitQuaternion<f64> {
+    let over = || UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    UnitQuaternion::rotation_between(from, &unit(up)).unwrap_or_else(over)
+}
+
+/// Which way is up in `motion`: where the joints are that those of the rig follow which are high at rest, in the mean over all frames. Where that is along none of its axes, or the map names too little, `up`.
+///
+/// # Errors
+/// As [`followed`].
+pub fn ups_of(
+    motion: &SkeletonMotion,
+    rig: &[RigJoint],
+    map: &[(String, String)],
+    up: Axis,
+) -> Result<Ups, RetargetError> {
+    let source = rig_of(motion);
+    let names: Vec<&str> = source.iter().map(|it| it.name.as_str()).collect();
+    let follows = followed(rig, &names, map)?;
+    let stands = stand(rig, None);
+    let heights: Vec<f64> = stands.iter().map(|it| it.translation.vector[up.index()]).collect();
+    let led: Vec<(f64, usize)> = heights.iter().zip(&follows).filter_map(|it| Some((*it.0, (*it.1)?))).collect();
+    let mean = led.iter().map(|it| it.0).sum::<f64>() / led.len().max(1) as f64;
+    let varied = (led.iter().map(|it| (it.0 - mean).powi(2)).sum::<f64>() / led.len().max(1) as f64).sqrt();
+    let [low, high] = [f64::min, f64::max].map(|it| heights.iter().copied().reduce(it).unwrap_or(0.0));
+    if varied <= LEAST_VARIED * (high - low) {
+        return Ok(Ups::both(up));
+    }
+    let along = |stands: &[Isometry3<f64>]| -> Vector3<f64> {
+        led.iter().map(|(height, joint)| stands[*joint].translation.vector * (height - mean)).sum()
+    };
+    let axis_of = |way: Vector3<f64>| {
+        let axis = [Axis::X, Axis::Y, Axis::Z][way.iamax()];
+        let is_clear = way.amax() > LEAST_UPRIGHT * way.norm();
+        if is_clear { unit(axis) * way[axis.index()].signum() } else { unit(up) }
+    };
+    let moving = (0..motion.n_frames()).filter_map(|it| motion.poses(it, 1.0)).map(|it| along(&it)).sum();
+    Ok(Ups { rest: axis_of(along(&stand(&source, None))), moving: axis_of(moving) })
+}
+
+/// The frames of `motion` on `rig`. `map` names joints of the rig with those of the motion that they follow; `up` is the axis that points up in the rig, `ups` say what does in the motion, which is
+/// turned.
 ///
 /// # Errors
 /// See [`RetargetError`].
@@ -217,8 +291,14 @@ pub fn retarget(
     rig: &[RigJoint],
     map: &[(String, String)],
     up: Axis,
+    ups: &Ups,
 ) -> Result<Vec<RigPose>, RetargetError> {
-    let source = rig_of(motion);
+    let [rest_up, moving_up] = [&ups.rest, &ups.moving].map(|it| upright(it, up));
+    let mut source = rig_of(motion);
+    for joint in &mut source {
+        joint.offset = rest_up * joint.offset;
+        joint.end = joint.end.map(|it| rest_up * it);
+    }
     if map.is_empty() || motion.n_frames() == 0 || rig.is_empty() {
         return Err(RetargetError::Empty { joints: map.len(), of_rig: rig.len(), frames: motion.n_frames() });
     }
@@ -269,7 +349,12 @@ pub fn retarget(
             }
         });
     }
-    let frames: Vec<Vec<Isometry3<f64>>> = (0..motion.n_frames()).filter_map(|it| motion.poses(it, 1.0)).collect();
+    let turned = |it: &Isometry3<f64>| {
+        let place = Translation3::from(moving_up * it.translation.vector);
+        Isometry3::from_parts(place, moving_up * it.rotation * rest_up.inverse())
+    };
+    let poses_of = |it: usize| Some(motion.poses(it, 1.0)?.iter().map(turned).collect());
+    let frames: Vec<Vec<Isometry3<f64>>> = (0..motion.n_frames()).filter_map(poses_of).collect();
     let floor = frames.iter().map(|it| lowest(&source, it, up)).fold(f64::INFINITY, f64::min);
     let mut poses = Vec::with_capacity(frames.len());
     for stands in &frames {
@@ -431,7 +516,7 @@ mod tests {
     fn bones_point_as_they_did_whatever_the_rest_posture_and_the_lengths() {
         let motion = moving();
         let rig = figure(60.0, 1.4, true);
-        let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();
+        let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
         let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
         assert_eq!((found.n_frames(), &found.joints[1..]), (5, &rig.joints[1..]));
         // Added to the offset or in place of it, the channels put the root at the same place.
@@ -467,7 +552,7 @@ mod tests {
             rig.joints.push(foot);
         }
         let map: Vec<(String, String)> = by_name(&motion);
-        let poses = retarget(&motion, &rig_of(&rig), &map, Axis::Y).unwrap();
+        let poses = retarget(&motion, &rig_of(&rig), &map, Axis::Y, &Ups::both(Axis::Y)).unwrap();
         let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
         for frame in 0..5 {
             let of = directions(&found, frame);
@@ -489,7 +574,7 @@ mod tests {
         }
         rig.joints[0].offset.y = 1.75;
         let joints = rig_of(&rig);
-        let poses = retarget(&motion, &joints, &by_name(&rig), Axis::Y).unwrap();
+        let poses = retarget(&motion, &joints, &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
         let heights: Vec<f64> = poses.iter().map(|it| lowest(&joints, &stand(&joints, Some(it)), Axis::Y)).collect();
         let of_source: Vec<f64> =
             (0..5).map(|it| lowest(&rig_of(&motion), &motion.poses(it, 1.0).unwrap(), Axis::Y)).collect();
@@ -508,25 +593,83 @@ mod tests {
     }
 
     #[test]
+    fn a_motion_along_another_axis_is_turned_upright_whether_its_rest_is_or_not() {
+        let motion = moving();
+        let rig = figure(2.0, 1.0, true);
+        let map = by_name(&rig);
+        let joints = rig_of(&rig);
+        let expected = retarget(&motion, &joints, &map, Axis::Y, &Ups::both(Axis::Y)).unwrap();
+        // The skeleton turned so that z, or -x, is up, and what is above it: the root's places and its turn.
+        for (turn, moving) in [
+            (UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.5 * std::f64::consts::PI), Vector3::z()),
+            (UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.5 * std::f64::consts::PI), -Vector3::x()),
+        ] {
+            for rest_too in [false, true] {
+                let mut other = motion.clone();
+                for joint in other.joints.iter_mut().filter(|_| rest_too) {
+                    joint.offset = turn * joint.offset;
+                    joint.end = joint.end.map(|it| turn * it);
+                }
+                let n = other.n_channels();
+                for frame in 0..5 {
+                    let poses = motion.poses(frame, 1.0).unwrap();
+                    let mut number = 0;
+                    for (joint, it) in motion.joints.iter().enumerate() {
+                        let parent = it.parent.map_or_else(UnitQuaternion::identity, |it| poses[it].rotation);
+                        let own = parent.inverse() * poses[joint].rotation;
+                        let own = match (rest_too, joint) {
+                            (true, _) => turn * own * turn.inverse(),
+                            (false, 0) => turn * own,
+                            (false, _) => own,
+                        };
+                        let at = frame * n + number;
+                        let mut next = at;
+                        if joint == 0 {
+                            let place = turn * poses[0].translation.vector - other.joints[0].offset;
+                            other.values[at..at + 3].copy_from_slice(place.as_slice());
+                            next += 3;
+                        }
+                        let angles = euler_angles(&own.to_rotation_matrix(), [Axis::Z, Axis::X, Axis::Y]);
+                        other.values[next..next + 3].copy_from_slice(&angles.map(f64::to_degrees));
+                        number = next + 3 - frame * n;
+                    }
+                }
+                let ups = ups_of(&other, &joints, &map, Axis::Y).unwrap();
+                assert_eq!(ups, Ups { rest: if rest_too { moving } else { Vector3::y() }, moving });
+                let found = retarget(&other, &joints, &map, Axis::Y, &ups).unwrap();
+                for (found, expected) in found.iter().zip(&expected) {
+                    assert!((found.root - expected.root).norm() < 1e-9, "{:?} {:?}", found.root, expected.root);
+                    let off = found.turns.iter().zip(&expected.turns).map(|(a, b)| a.angle_to(b));
+                    assert!(off.fold(0.0, f64::max) < 1e-6);
+                }
+            }
+        }
+        // An arm by itself does not say what is up.
+        let arm = vec![("LeftArm", "LeftArm"), ("LeftForeArm", "LeftForeArm")];
+        let arm: Vec<_> = arm.iter().map(|it| (it.0.to_owned(), it.1.to_owned())).collect();
+        assert!(ups_of(&motion, &joints, &arm, Axis::Y).unwrap().are(Axis::Y));
+    }
+
+    #[test]
     fn names_that_are_not_there_are_refused_with_those_that_are() {
         let rig = figure(1.0, 1.0, true);
         let map = vec![("Tail".to_owned(), "Hips".to_owned())];
-        let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y).unwrap_err().to_string();
+        let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y, &Ups::both(Axis::Y)).unwrap_err().to_string();
         assert!(error.contains("`Tail`") && error.contains("LeftForeArm"), "{error}");
         let twice = [("Head", "Hips"), ("puppet:Head", "Head")].map(|it| (it.0.to_owned(), it.1.to_owned()));
         let mut named = rig.clone();
         named.joints[1].name = "puppet:Head".to_owned();
-        let error = retarget(&moving(), &rig_of(&named), &twice, Axis::Y).unwrap_err();
+        let error = retarget(&moving(), &rig_of(&named), &twice, Axis::Y, &Ups::both(Axis::Y)).unwrap_err();
         let leaders = ["Hips", "Head"].map(str::to_owned);
         assert_eq!(error, RetargetError::TwoLeaders { name: "puppet:Head".to_owned(), leaders });
         let of_rig = rig.joints.len();
         let empty = |joints: usize, frames: usize| Err(RetargetError::Empty { joints, of_rig, frames });
-        assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y), empty(0, 5));
+        assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y, &Ups::both(Axis::Y)), empty(0, 5));
         let still = SkeletonMotion { values: Vec::new(), ..moving() };
-        assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y), empty(of_rig, 0));
+        assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)), empty(of_rig, 0));
         let mut one = rig.clone();
         one.joints[2].channels.pop();
-        let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y).unwrap();
+        let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
         assert!(matches!(as_motion(&one, &poses, 0.04), Err(RetargetError::Channels { found: 2, .. })));
     }
 }

@@ -19,7 +19,9 @@ use std::collections::BTreeMap;
 
 use foveate::geometry::body::{Part, SHOULDER_UP, proportions::Proportions};
 use foveate::prelude::*;
-use foveate::scene::skeleton::retarget::{RetargetError, RigJoint, RigPose, as_motion, followed, retarget, rig_of};
+use foveate::scene::skeleton::retarget::{
+    RetargetError, RigJoint, RigPose, Ups, as_motion, followed, retarget, rig_of, ups_of,
+};
 use foveate::scene::skeleton::{Axis, SkeletonMotion};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
@@ -46,7 +48,7 @@ figures! {
 pub struct ExportRetargetSettings {
     /// The skeleton that is to move: a BVH file, whose own motion is not read, or a GLB file with a skin [–]
     pub rig: String,
-    /// A BVH file whose motion it takes; empty: that of the first body at the port `skeletons` [–]
+    /// A BVH file whose motion it takes, turned upright where another axis than y points up in it; empty: that of the first body at the port `skeletons` [–]
     pub motion: String,
     /// Joints of the rig, and for each the joint of the motion that it follows; empty: those of one name [–]
     pub map: BTreeMap<String, String>,
@@ -164,7 +166,16 @@ impl Node for ExportRetarget {
             there.into_iter().map(|it| (it.0.clone(), it.1.clone())).collect()
         };
         let wrong = |it: RetargetError| NodeError::input(it.to_string());
-        let poses = retarget(&motion, &joints, &map, Axis::Y).map_err(wrong)?;
+        // Bodies stand on z = 0 whatever they do; of a file only its poses say what is up.
+        let is_file = !self.settings.motion.is_empty();
+        let ups = if is_file { ups_of(&motion, &joints, &map, Axis::Y).map_err(wrong)? } else { Ups::both(Axis::Y) };
+        if !ups.are(Axis::Y) {
+            let (at_rest, moving) = (axis_name(&ups.rest), axis_name(&ups.moving));
+            report.remark(format!(
+                "The motion's {moving} points up as it moves, and {at_rest} at rest, expected y: it is turned so that y does."
+            ));
+        }
+        let poses = retarget(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
         report.figure("retarget.frames", poses.len() as f64);
         report.figure("retarget.joints", map.len() as f64);
         let bytes = match rig {
@@ -217,12 +228,18 @@ fn check(rig: &Rig, motion: Option<&SkeletonMotion>, settings: &ExportRetargetSe
         as_motion(rig, &[rest], 0.1).map_err(|it| ConfigError::at("rig", it.to_string()))?;
     }
     if let Some(motion) = motion {
-        let found = retarget(motion, &joints, &map, Axis::Y);
+        let found =
+            ups_of(motion, &joints, &map, Axis::Y).and_then(|ups| retarget(motion, &joints, &map, Axis::Y, &ups));
         found.map_err(|it| {
             ConfigError::at(if matches!(it, RetargetError::Empty { .. }) { "motion" } else { "rig" }, it.to_string())
         })?;
     }
     Ok(())
+}
+
+fn axis_name(axis: &Vector3<f64>) -> &'static str {
+    let names = [["x", "-x"], ["y", "-y"], ["z", "-z"]];
+    names[axis.iamax()][usize::from(axis.sum() < 0.0)]
 }
 
 /// Gives a body without a torso one that stands still, where its first shoulder was at `first`.
