@@ -247,7 +247,9 @@ fn warn(names: &Names<'_, '_>, wiring: &Wiring, findings: &mut Findings) {
     for (index, node) in names.nodes.iter().enumerate() {
         let Some(node_type) = &node.node_type else { continue };
         let place = node.text.header.clone();
-        if node_type.role != Role::Source && !triggered[index] {
+        // A sink that can do without any input has its work from elsewhere, such as a file that its settings name.
+        let needs_none = node_type.role == Role::Sink && node_type.ports.inputs.iter().all(|it| it.optional);
+        if node_type.role != Role::Source && !needs_none && !triggered[index] {
             findings
                 .warning(
                     place.clone(),

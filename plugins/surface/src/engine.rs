@@ -33,6 +33,8 @@ pub struct Engine {
     repeats: Repeats,
     /// By piece of surface that looks as good elsewhere: how far off [m].
     elsewhere_m: Vec<f64>,
+    /// How far the lines of sight of the points of this moment pass their places [px], and by moment the median of that.
+    misfits: (Vec<f64>, Vec<f64>),
 }
 
 /// A view sees a surface well whose normal is within 60° of its direction, [–]
@@ -44,6 +46,12 @@ const UNSEEN: f64 = 0.5;
 const MISFITS: f64 = 0.1;
 /// and so many of them are no chance [–].
 const LEAST_MISFITS: f64 = 20.0;
+
+/// Lines of sight that pass each other's places by more than this in the median are of a calibration that is wrong, or of pictures that were shifted: of a real rig, calibrated from one picture each, it is 0.37 [px].
+const WIDE_PX: f64 = 0.75;
+/// Where they pass by so many times as much in some moment as in the best, and by more than this, the cameras are as they were calibrated but look at different times: of a scene that moves in step it is 1.1 times [–, px].
+const GROWS: f64 = 3.0;
+const GROWN_PX: f64 = 0.1;
 
 /// A named seed is good to so many pixels.
 const NAMED_PX: f64 = 4.0;
@@ -61,6 +69,7 @@ impl Engine {
             given: (0, 0),
             repeats: Repeats::default(),
             elsewhere_m: Vec::new(),
+            misfits: Default::default(),
         }
     }
 
@@ -72,6 +81,13 @@ impl Engine {
             !is_seen(view) && normal.dot(&towards) > FACING && it.camera.sees(&sample.position).is_some()
         });
         self.given = (self.given.0 + 1, self.given.1 + u64::from(is_unseen));
+        self.misfits.0.push(sample.misfit_px);
+    }
+
+    /// All points of a moment were given out.
+    pub fn end(&mut self) {
+        self.misfits.1.extend(foveate::estimation::statistics::median(&self.misfits.0));
+        self.misfits.0.clear();
     }
 
     /// Seeds of a moment: those that were named, or found.
@@ -182,6 +198,23 @@ impl Engine {
                 "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there: the calibration is not that of these pictures (cameras exchanged, pictures mirrored, \
                  turned or cropped, a camera moved since), or cameras are out of step; what is given out happens to lie on them and is not to be believed before that is found",
                 100.0 * misfits / attempts
+            ));
+        }
+        let medians = &self.misfits.1;
+        let misfit_px = foveate::estimation::statistics::median(medians).unwrap_or(f64::NAN);
+        let most_px = medians.iter().copied().fold(f64::NAN, f64::max);
+        report.figure("surface.misfit_px.median", misfit_px);
+        report.figure("surface.misfit_px.max", most_px);
+        let least_px = medians.iter().copied().fold(f64::NAN, f64::min);
+        if most_px > GROWN_PX && most_px > GROWS * least_px {
+            report.remark(format!(
+                "lines of sight of a moment's points pass the places that they agree on by {most_px:.2} px in one moment and by {least_px:.2} px in another, in the median, expected about the same in all: cameras are \
+                 out of step (by a field, or a picture), or one was moved; depths and motions of these moments are not to be believed"
+            ));
+        } else if misfit_px > WIDE_PX {
+            report.remark(format!(
+                "lines of sight of points pass the places that they agree on by {misfit_px:.2} px in the median, expected less than {WIDE_PX} px: lenses or places of cameras are not as they were calibrated, pictures are \
+                 shifted or cropped, or cameras are out of step"
             ));
         }
         let unseen = self.given.1 as f64 / self.given.0 as f64;

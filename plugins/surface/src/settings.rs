@@ -166,6 +166,13 @@ impl SurfaceSettings {
                 View { id, name: named.name.clone(), camera: named.camera.clone() }
             })
             .collect();
+        if views.len() >= 2 && views.len() < self.min_views {
+            let n = views.len();
+            return Err(ConfigError::at(
+                "min_views",
+                format_args!("found {}, expected at most {n}: so many cameras look at the surface", self.min_views),
+            ));
+        }
         if views.len() < self.min_views {
             let n = views.len();
             return Err(ConfigError::at(

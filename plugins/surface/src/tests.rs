@@ -423,6 +423,27 @@ fn a_camera_that_falls_out_of_step_gives_no_false_motion() {
 }
 
 #[test]
+fn lines_of_sight_that_pass_each_other_more_and_more_tell_of_cameras_out_of_step() {
+    // So little that points are kept.
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 82);
+    let at = |z: f64| scene.moved(Isometry3::translation(0.0, 0.0, z));
+    for late_m in [0.0, 0.0012] {
+        let moments: Vec<Vec<Image>> = (0..3)
+            .map(|k| {
+                let z = 0.003 * k as f64;
+                let late = if k > 0 { late_m } else { 0.0 };
+                vec![at(z).picture(&cameras[0], 0), at(z - late).picture(&cameras[1], 1)]
+            })
+            .collect();
+        let (surfaces, report) = tracked(&moments, &cameras, tracking());
+        let is_told = report.remarks.iter().any(|it| it.contains("lines of sight of a moment's points pass"));
+        assert!(surfaces[2].list.len() > 100, "{}: {:?}", surfaces[2].list.len(), report.figures);
+        assert_eq!(is_told, late_m > 0.0, "{:?} {:?}", report.remarks, report.figures);
+    }
+}
+
+#[test]
 fn a_shadow_that_moves_over_a_surface_at_rest_takes_no_point_along() {
     let cameras = cameras(3);
     let scene = Scene::of(Shape::Plane, 85);

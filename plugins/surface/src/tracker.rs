@@ -39,6 +39,8 @@ figures! {
     "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
     "surface.seeds.found": count, high, "Of these, those that became points";
     "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
+    "surface.misfit_px.median": px, low, "How far the lines of sight of a moment's points pass the places that they agree on, median over the points of a moment and over the moments";
+    "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
     "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
     "trajectories.count": count, neither, "Trajectories, of any length";
@@ -293,6 +295,7 @@ impl Node for Tracker {
             self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
         self.counts.coverages.extend(coverage(cells.iter().copied()));
         self.tracks.iter().for_each(|it| self.engine.give(&it.sample, &it.normal));
+        self.engine.end();
         self.counts.points += tracked.list.len() as u64;
         self.counts.sigmas += self.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);

@@ -320,7 +320,11 @@ impl JoinedSurface {
                 self.n_refused += n;
                 self.n_in_a_row += 1;
                 let also = if n > 1 { format!(" with {} more", n - 1) } else { String::new() };
-                io.gap(&JOINED, last.value.time, format!("{}{also}: not joined: {why}", last.value.name));
+                let name = match last.value.name.as_str() {
+                    "" => "a cloud",
+                    name => name,
+                };
+                io.gap(&JOINED, last.value.time, format!("{name}{also}: not joined: {why}"));
                 if self.n_in_a_row >= DOUBTS && self.model.n_pieces() == 1 {
                     self.model.clear();
                     self.n_restarts += 1;
