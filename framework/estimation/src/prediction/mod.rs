@@ -8,9 +8,11 @@
 //! | [`Way::Still`] | x(t) |
 //! | [`Way::Velocity`] | x(t) + L v(t), the paper's |
 //! | [`Way::Damped`] | x(t) + τ (1 − exp(−L/τ)) v(t): a speed that fades, as that of hands and of those who look for something does |
+//! | [`Way::Slowing`] | the same with twice the time constant |
 //! | [`Way::Acceleration`] | a filter of nearly constant acceleration |
 //! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
 //! | [`Way::Linear`] | a combination of recent displacements, fitted to what followed them in the last seconds: `linear` |
+//! | [`Way::Cautious`] | the same, fitted so that it hardly leaves a velocity that fades |
 //! | [`Way::Weighted`] | all of them but that of constant acceleration, weighted by how well each one foretold what has happened since: `weighting` |
 //!
 //! Acceleration by itself is no member of the mixture: where it fails it fails by the square of the horizon, and the interacting models have it where it holds.
@@ -38,18 +40,31 @@ pub enum Way {
     Velocity,
     /// Its velocity fades.
     Damped,
+    /// Its velocity fades half as fast.
+    Slowing,
     /// It keeps its acceleration, as a filter finds it.
     Acceleration,
     /// Now this, now that.
     Interacting,
     /// As it went on after displacements like the last ones.
     Linear,
+    /// The same, where little is learnt of it.
+    Cautious,
     /// What has foretold best of late.
     Weighted,
 }
 
 /// The ways that are scored, in the order in which they are kept: all but the last compete.
-const SCORED: [Way; WAYS] = [Way::Still, Way::Velocity, Way::Damped, Way::Interacting, Way::Linear, Way::Acceleration];
+const SCORED: [Way; WAYS] = [
+    Way::Still,
+    Way::Velocity,
+    Way::Damped,
+    Way::Slowing,
+    Way::Interacting,
+    Way::Linear,
+    Way::Cautious,
+    Way::Acceleration,
+];
 /// Time constant of a velocity that fades: that of a reach of a hand, half a second long, about half-way [s].
 const FADES_S: f64 = 0.25;
 
@@ -62,7 +77,7 @@ pub struct PredictorOptions {
     pub jerk_density: f64,
     /// Acceleration to be expected of it, each axis, standard deviation [m/s²].
     pub acceleration_sigma: f64,
-    /// For how long what was learnt and how well it did counts, as a time constant [s].
+    /// For how long it counts how well ways did, as a time constant [s].
     pub memory_s: f64,
     /// From where the point is looked at: then what matters, and is learnt from, is what is missed across that line of sight, and not along it, where cameras
     /// are worst. `None`: all directions alike [m].
@@ -105,6 +120,11 @@ pub struct Predictor {
 fn across(eye: Option<&Point3<f64>>, place: &Point3<f64>) -> Matrix3<f64> {
     let sight = eye.and_then(|eye| (place - eye).try_normalize(1e-9));
     sight.map_or_else(Matrix3::identity, |it| Matrix3::identity() - it * it.transpose())
+}
+
+/// By this time a velocity is multiplied that fades with the time constant `fades_s`: the way that is made over a horizon [s].
+fn faded_s(fades_s: f64, horizon_s: f64) -> f64 {
+    fades_s * (1.0 - (-horizon_s / fades_s).exp())
 }
 
 /// For how long innovations count for the noise of the filters, as a time constant [s].
@@ -171,7 +191,7 @@ impl Predictor {
         if self.history.push(time_s, position, velocity) {
             self.weighting.score(time_s, &self.history);
             let horizon = self.horizon_s;
-            let foretold = SCORED.map(|way| self.by(way, horizon));
+            let foretold = self.by_all(horizon);
             self.weighting.foretell(time_s, horizon, foretold);
         }
     }
@@ -185,13 +205,20 @@ impl Predictor {
             return Some(Prediction { position, covariance: Matrix3::zeros() });
         }
         self.horizon_s = horizon;
-        let foretold = match self.options.way {
-            Way::Weighted => self.weighting.weigh(&SCORED.map(|way| self.by(way, horizon))),
-            way => self.by(way, horizon),
-        };
+        let foretold = self.by(self.options.way, horizon);
         let way = SCORED.iter().position(|it| *it == self.options.way);
         let variance = self.weighting.variance(way, horizon);
         Some(Prediction { position: foretold, covariance: Matrix3::identity() * variance })
+    }
+
+    /// What all of [`SCORED`] say; before there is a sample this is not asked.
+    fn by_all(&self, horizon_s: f64) -> [Point3<f64>; WAYS] {
+        let linear = linear::predict(&self.history, horizon_s, self.options.eye.as_ref());
+        SCORED.map(|way| match way {
+            Way::Linear => linear[0],
+            Way::Cautious => linear[1],
+            way => self.by(way, horizon_s),
+        })
     }
 
     /// One way's answer; before there is a sample this is not asked.
@@ -199,15 +226,17 @@ impl Predictor {
         let Some(last) = self.history.last() else { return Point3::origin() };
         let by_filter =
             |index: usize| self.filters.as_ref().map_or(last.position, |it| it[index].position_after(horizon_s));
+        let linear = || linear::predict(&self.history, horizon_s, self.options.eye.as_ref());
         match way {
             Way::Still => last.position,
             Way::Velocity => last.position + self.stated_velocity * horizon_s,
-            Way::Damped => last.position + self.stated_velocity * (FADES_S * (1.0 - (-horizon_s / FADES_S).exp())),
+            Way::Damped => last.position + self.stated_velocity * faded_s(FADES_S, horizon_s),
+            Way::Slowing => last.position + self.stated_velocity * faded_s(2.0 * FADES_S, horizon_s),
             Way::Acceleration => by_filter(0),
             Way::Interacting => by_filter(1),
-            Way::Linear | Way::Weighted => {
-                linear::predict(&self.history, horizon_s, self.options.memory_s, self.options.eye.as_ref())
-            }
+            Way::Linear => linear()[0],
+            Way::Cautious => linear()[1],
+            Way::Weighted => self.weighting.weigh(&self.by_all(horizon_s)),
         }
     }
 

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::{Predictor, PredictorOptions, Way};
+use super::{Predictor, PredictorOptions, SCORED, Way};
 use crate::random::Random;
 
 const HORIZON_S: f64 = 0.35;
@@ -46,6 +46,33 @@ fn a_swing_is_learnt_and_the_weighting_takes_it_up() {
         "still {still:.3}, velocity {velocity:.3}, acceleration {acceleration:.3}, linear {linear:.3}, weighting {weighting:.3} m"
     );
     assert!(velocity < 0.55 * still && linear < 0.3 * velocity && weighting < 1.15 * linear);
+}
+
+/// From place to place with the least jerk, at speeds and with rests that are drawn: nothing of it comes again.
+fn reaches(seed: u64) -> impl Fn(f64) -> [f64; 3] {
+    let mut random = Random::new(seed);
+    let (mut moves, mut from, mut start_s) = (vec![], 0.0, 0.0);
+    while start_s < 20.0 {
+        let (to, takes_s) = (random.uniform_in(-0.5, 0.5), random.uniform_in(0.35, 1.0));
+        moves.push((start_s, takes_s, from, to));
+        (from, start_s) = (to, start_s + takes_s + random.uniform_in(0.0, 0.4));
+    }
+    move |time_s| {
+        let (start_s, takes_s, from, to) = moves[moves.partition_point(|it| it.0 <= time_s) - 1];
+        let u = ((time_s - start_s) / takes_s).min(1.0);
+        [from + (to - from) * u.powi(3) * (10.0 - 15.0 * u + 6.0 * u * u), 0.3, 1.5]
+    }
+}
+
+#[test]
+fn where_nothing_comes_again_little_is_learnt_and_no_member_is_much_better() {
+    let of = |way: Way| (0..8).map(|seed| missed(way, 5.0, reaches(seed)).0.ln()).sum::<f64>() / 8.0;
+    let weighted = of(Way::Weighted);
+    for way in SCORED {
+        println!("{way:?} {:.3} m, the weighted {:.2} of it", of(way).exp(), (weighted - of(way)).exp());
+        assert!((weighted - of(way)).exp() < 1.05, "{way:?}");
+    }
+    assert!(of(Way::Cautious) < of(Way::Linear));
 }
 
 #[test]

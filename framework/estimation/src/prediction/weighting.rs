@@ -12,9 +12,9 @@ use super::across;
 use super::history::History;
 
 /// How many are scored.
-pub(super) const WAYS: usize = 6;
+pub(super) const WAYS: usize = 8;
 /// The first so many of them compete.
-const COMPETITORS: usize = 5;
+const COMPETITORS: usize = 7;
 /// Of weights by mean squared misses [–]. Higher, and the lead of a few misses decides; lower, and the worst are not silenced.
 const SHARPNESS: i32 = 2;
 /// Weights forget this much faster than the stated uncertainty: who leads changes with what the point does, within half a second [–].

@@ -17,12 +17,16 @@ pub enum PredictorKind {
     Velocity,
     /// With a velocity that fades within a quarter of a second.
     Damped,
+    /// With a velocity that fades within half a second.
+    Slowing,
     /// With its acceleration.
     Acceleration,
     /// Interacting models: now at constant velocity, now not.
     Interacting,
     /// Linear prediction: a combination of recent displacements, fitted to what followed them [Prony].
     Linear,
+    /// The same, fitted so that it hardly leaves a velocity that fades.
+    Cautious,
     /// All of these but that with its acceleration, weighted by their recent prediction errors.
     #[default]
     Weighted,
@@ -154,9 +158,11 @@ impl ControlSettings {
             PredictorKind::None => Way::Still,
             PredictorKind::Velocity => Way::Velocity,
             PredictorKind::Damped => Way::Damped,
+            PredictorKind::Slowing => Way::Slowing,
             PredictorKind::Acceleration => Way::Acceleration,
             PredictorKind::Interacting => Way::Interacting,
             PredictorKind::Linear => Way::Linear,
+            PredictorKind::Cautious => Way::Cautious,
             PredictorKind::Weighted => Way::Weighted,
         };
         PredictorOptions { way, eye: Some(eye), ..PredictorOptions::default() }
