@@ -177,8 +177,9 @@ fn a_target_that_comes_nearer_is_zoomed_out_from_though_its_direction_stays() {
         controller.see(Time::from_s(time_s), &target(place, Vector3::new(-0.5, 0.0, 0.05)), &Vector3::zeros());
         zooms.extend(controller.command(Time::from_s(time_s + 0.01)).and_then(|it| it.zoom));
     }
-    // When the head obeys first it is 2.86 m away: 0.25 m over 0.9 of 240 px wants 2471 px. At the end it is 1.4 m, and wants half of that.
-    assert!((zooms[0] - 735.0).abs() < 15.0 && zooms.len() > 20, "{zooms:?}");
+    // When the head obeys first it is 2.86 m away: 0.25 m over 0.9 of 240 px wants 2471 px; some ways to go on
+    // let its velocity fade. At the end it is 1.4 m, and wants half of that.
+    assert!((zooms[0] - 735.0).abs() < 20.0 && zooms.len() > 20, "{zooms:?}");
     assert!(zooms.windows(2).skip(2).all(|it| it[1] < it[0] + 15.0) && zooms[zooms.len() - 1] < 220.0, "{zooms:?}");
 }
 
