@@ -12,6 +12,7 @@
 //! Without a map joints of one name follow each other. A body without a torso, as an arm by itself is, gets one that stands still, upright, and looks along x of its scale.
 
 mod glb;
+mod picture;
 #[cfg(test)]
 mod tests;
 
@@ -43,7 +44,7 @@ figures! {
 }
 
 /// Settings of [`ExportRetarget`].
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportRetargetSettings {
     /// The skeleton that is to move: a BVH file, whose own motion is not read, or a GLB file with a skin [–]
@@ -54,6 +55,15 @@ pub struct ExportRetargetSettings {
     pub map: BTreeMap<String, String>,
     /// Name of the file in the results folder, before its ending, which is that of the rig; empty: `retargeted` [–]
     pub name: String,
+    /// Whether a picture beside it, of the same name as SVG, shows how the rig moves [–]
+    pub picture: bool,
+}
+
+impl Default for ExportRetargetSettings {
+    fn default() -> Self {
+        let [rig, motion, name] = [const { String::new() }; 3];
+        Self { rig, motion, map: BTreeMap::new(), name, picture: true }
+    }
 }
 
 /// The skeleton that moves.
@@ -68,6 +78,7 @@ pub struct ExportRetarget {
     rig: Option<Rig>,
     motion: Option<SkeletonMotion>,
     file: WholeFile,
+    picture: Option<WholeFile>,
     course: Course,
 }
 
@@ -103,6 +114,11 @@ impl Node for ExportRetarget {
         let name = format!("{}.{}", settings.name, if is_glb { "glb" } else { "bvh" });
         check_file_name("name", &name)?;
         setup.claim_file(Some("name"), &name)?;
+        let picture = format!("{}.svg", settings.name);
+        if settings.picture {
+            setup.claim_file(Some("picture"), &picture)?;
+        }
+        let picture = settings.picture.then(|| WholeFile::new(setup, &picture));
         let rig = match settings.rig.as_str() {
             "" => None,
             path if is_glb => {
@@ -120,7 +136,7 @@ impl Node for ExportRetarget {
         if let Some(rig) = &rig {
             check(rig, motion.as_ref(), &settings)?;
         }
-        Ok(Self { rig, motion, file: WholeFile::new(setup, &name), settings, course: Course::default() })
+        Ok(Self { rig, motion, file: WholeFile::new(setup, &name), picture, settings, course: Course::default() })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -182,7 +198,11 @@ impl Node for ExportRetarget {
             Rig::Bvh(rig) => as_motion(rig, &poses, motion.frame_s).map_err(wrong)?.to_bvh().into_bytes(),
             Rig::Glb(rig) => rig.moved(&poses, motion.frame_s).map_err(NodeError::input)?,
         };
-        self.file.write(&bytes, report)
+        self.file.write(&bytes, report)?;
+        match &self.picture {
+            Some(picture) => picture.write(picture::svg(&joints, &poses, motion.frame_s).as_bytes(), report),
+            None => Ok(()),
+        }
     }
 }
 

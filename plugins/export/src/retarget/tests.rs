@@ -89,6 +89,8 @@ fn written(file: &str, rig: &[u8], map: &[(&str, &str)]) -> (Report, Vec<u8>) {
     }
     let report = bench.finish().unwrap();
     let ending = file.rsplit('.').next().unwrap();
+    let picture = std::fs::read_to_string(folder.path().join("retargeted.svg")).unwrap();
+    assert!(picture.starts_with("<svg") && picture.contains("0.16 s"), "{picture}");
     let bytes = std::fs::read(folder.path().join(format!("retargeted.{ending}"))).unwrap();
     (report, bytes)
 }
