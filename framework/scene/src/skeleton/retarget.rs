@@ -645,7 +645,7 @@ mod tests {
             }
         }
         // An arm by itself does not say what is up.
-        let arm = vec![("LeftArm", "LeftArm"), ("LeftForeArm", "LeftForeArm")];
+        let arm = [("LeftArm", "LeftArm"), ("LeftForeArm", "LeftForeArm")];
         let arm: Vec<_> = arm.iter().map(|it| (it.0.to_owned(), it.1.to_owned())).collect();
         assert!(ups_of(&motion, &joints, &arm, Axis::Y).unwrap().are(Axis::Y));
     }
