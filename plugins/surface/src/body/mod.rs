@@ -212,7 +212,7 @@ pub struct BodyFitter {
     outlines: BTreeMap<CameraId, Outline>,
     /// Lines of sight that messages were fitted to, and messages.
     rays: (u64, u64),
-    /// Messages at whose start joints came of which the model has none, and the first of these joints.
+    /// Messages for which joints were there of which the model has none, and the first of these joints.
     foreign: Option<(u64, usize)>,
     /// Silhouettes that came too late for the message of their moment.
     late: u64,
