@@ -86,7 +86,10 @@ impl Engine {
 
     /// All points of a moment were given out.
     pub fn end(&mut self) {
-        self.misfits.1.extend(foveate::estimation::statistics::median(&self.misfits.0));
+        // The median of a few points says nothing about the cameras.
+        if self.misfits.0.len() as f64 >= LEAST_MISFITS {
+            self.misfits.1.extend(foveate::estimation::statistics::median(&self.misfits.0));
+        }
         self.misfits.0.clear();
     }
 
