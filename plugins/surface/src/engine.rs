@@ -1,12 +1,14 @@
 //! A surface at one moment: seeds, growth and what is said of both, as the matcher and the tracker do it.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use foveate::imaging::matching::Warp;
 use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
 
 use crate::cover::{Covered, LeftOut, cover, pieces, remove};
+use crate::in_step::InStep;
 use crate::measure::{Measurer, Sample, plane_warp};
 use crate::repeats::Repeats;
 use crate::seeds::{SeedCounts, find_seeds};
@@ -33,8 +35,7 @@ pub struct Engine {
     repeats: Repeats,
     /// By piece of surface that looks as good elsewhere: how far off [m].
     elsewhere_m: Vec<f64>,
-    /// How far the lines of sight of the points of this moment pass their places [px], and by moment the median of that.
-    misfits: (Vec<f64>, Vec<f64>),
+    in_step: InStep,
 }
 
 /// A view sees a surface well whose normal is within 60° of its direction, [–]
@@ -46,12 +47,6 @@ const UNSEEN: f64 = 0.5;
 const MISFITS: f64 = 0.1;
 /// and so many of them are no chance [–].
 const LEAST_MISFITS: f64 = 20.0;
-
-/// Lines of sight that pass each other's places by more than this in the median are of a calibration that is wrong, or of pictures that were shifted: of a real rig, calibrated from one picture each, it is 0.37 [px].
-const WIDE_PX: f64 = 0.75;
-/// Where they pass by so many times as much in some moment as in the best, and by more than this, the cameras are as they were calibrated but look at different times: of scenes that move in step it is 1.1 to 1.4 times, of a real rig whose lenses are known to 0.4 px 2.0 [–, px].
-const GROWS: f64 = 2.5;
-const GROWN_PX: f64 = 0.1;
 
 /// A named seed is good to so many pixels.
 const NAMED_PX: f64 = 4.0;
@@ -69,28 +64,43 @@ impl Engine {
             given: (0, 0),
             repeats: Repeats::default(),
             elsewhere_m: Vec::new(),
-            misfits: Default::default(),
+            in_step: InStep::default(),
         }
     }
 
-    /// Counts a point that is given out: whether all views see it before which it lies.
-    pub fn give(&mut self, sample: &Sample, normal: &Vector3<f64>) {
+    /// Takes a set of pictures, each as a pyramid of `n_levels`; those that cannot be used are named.
+    pub fn take(&mut self, moment: &mut Moment, images: &[Stamped<Arc<Image>>], n_levels: usize) -> Vec<String> {
+        let Self { prepared, in_step, .. } = self;
+        let (stuck, mut faults) = in_step.stuck(&prepared.views, images);
+        let shown: Vec<_> = images.iter().filter(|it| !stuck.contains(&it.value.camera)).cloned().collect();
+        faults.extend(moment.take(&prepared.views, &shown, n_levels));
+        faults
+    }
+
+    /// Why the points of a moment are not given out: their cameras are out of step, or one was moved; else they are counted, and for each whether all views see it before which it lies.
+    pub fn give<'a>(&mut self, points: impl Iterator<Item = (&'a Sample, &'a Vector3<f64>)> + Clone) -> Option<String> {
+        let misfits = self.misfits();
+        let passed: Vec<f64> = points.clone().map(|it| it.0.misfit_px).collect();
+        let why =
+            self.in_step.judge(&passed, self.prepared.measure.max_misfit_px, [self.measurer.measured as f64, misfits]);
+        if why.is_none() {
+            points.for_each(|(sample, normal)| self.count(sample, normal));
+        }
+        why
+    }
+
+    /// Patches that were recognised in another view off their epipolar lines.
+    fn misfits(&self) -> f64 {
+        self.measurer.refused.get("misfit").copied().unwrap_or(0) as f64
+    }
+
+    fn count(&mut self, sample: &Sample, normal: &Vector3<f64>) {
         let is_seen = |view: usize| view == sample.reference || sample.seen.iter().any(|it| it.view == view);
         let is_unseen = self.prepared.views.iter().enumerate().any(|(view, it)| {
             let towards = (it.camera.centre() - sample.position).normalize();
             !is_seen(view) && normal.dot(&towards) > FACING && it.camera.sees(&sample.position).is_some()
         });
         self.given = (self.given.0 + 1, self.given.1 + u64::from(is_unseen));
-        self.misfits.0.push(sample.misfit_px);
-    }
-
-    /// All points of a moment were given out.
-    pub fn end(&mut self) {
-        // The median of a few points says nothing about the cameras.
-        if self.misfits.0.len() as f64 >= LEAST_MISFITS {
-            self.misfits.1.extend(foveate::estimation::statistics::median(&self.misfits.0));
-        }
-        self.misfits.0.clear();
     }
 
     /// Seeds of a moment: those that were named, or found.
@@ -194,7 +204,7 @@ impl Engine {
                 1e3 * off
             ));
         }
-        let misfits = self.measurer.refused.get("misfit").copied().unwrap_or(0) as f64;
+        let misfits = self.misfits();
         let attempts = self.measurer.measured as f64 + misfits;
         if misfits > LEAST_MISFITS && misfits > MISFITS * attempts {
             report.remark(format!(
@@ -203,23 +213,7 @@ impl Engine {
                 100.0 * misfits / attempts
             ));
         }
-        let medians = &self.misfits.1;
-        let misfit_px = foveate::estimation::statistics::median(medians).unwrap_or(f64::NAN);
-        let most_px = medians.iter().copied().fold(f64::NAN, f64::max);
-        report.figure("surface.misfit_px.median", misfit_px);
-        report.figure("surface.misfit_px.max", most_px);
-        let least_px = medians.iter().copied().fold(f64::NAN, f64::min);
-        if most_px > GROWN_PX && most_px > GROWS * least_px {
-            report.remark(format!(
-                "lines of sight of a moment's points pass the places that they agree on by {most_px:.2} px in one moment and by {least_px:.2} px in another, in the median, expected about the same in all: cameras are \
-                 out of step (by a field, or a picture), or one was moved; depths and motions of these moments are not to be believed"
-            ));
-        } else if misfit_px > WIDE_PX {
-            report.remark(format!(
-                "lines of sight of points pass the places that they agree on by {misfit_px:.2} px in the median, expected less than {WIDE_PX} px: lenses or places of cameras are not as they were calibrated, pictures are \
-                 shifted or cropped, or cameras are out of step"
-            ));
-        }
+        self.in_step.report(report);
         let unseen = self.given.1 as f64 / self.given.0 as f64;
         report.figure("surface.unseen", unseen);
         if unseen > UNSEEN {
@@ -235,7 +229,12 @@ impl Engine {
         for (number, why) in &self.bad_seeds {
             report.remark(format!("seed {} of `seeds` is on no surface that all its cameras see: {why}", number + 1));
         }
-        if self.prepared.named.is_empty() && self.begun > 0 && self.given.0 == 0 && self.elsewhere_m.is_empty() {
+        if self.prepared.named.is_empty()
+            && self.begun > 0
+            && self.given.0 == 0
+            && self.elsewhere_m.is_empty()
+            && self.in_step.withheld() == 0
+        {
             report.remark(self.why_nothing());
         }
     }

@@ -17,6 +17,7 @@ pub mod cylinder;
 pub mod engine;
 pub mod filters;
 pub mod guide;
+pub mod in_step;
 pub mod lost;
 pub mod matcher;
 pub mod measure;

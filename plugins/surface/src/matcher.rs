@@ -22,6 +22,8 @@ figures! {
     "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
     "surface.misfit_px.median": px, low, "How far the lines of sight of a moment's points pass the places that they agree on, median over the points of a moment and over the moments";
     "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
+    "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
+    "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
     "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
 }
@@ -59,17 +61,18 @@ impl Node for Matcher {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let images: Vec<_> = io.take_set(&IMAGE).collect();
         let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
-        let prepared = &self.engine.prepared;
-        let faults = self.moment.take(&prepared.views, &images, prepared.seeds.n_levels);
-        self.faults.extend(faults);
+        let n_levels = self.engine.prepared.seeds.n_levels;
+        self.faults.extend(self.engine.take(&mut self.moment, &images, n_levels));
         if let Some(why) = missing(&self.engine, &self.moment) {
             io.gap(&CLOUD, time, why);
             return Ok(());
         }
         let seeds = self.engine.begin(&self.moment);
         let surface = self.engine.grow(&self.moment, &seeds, !self.engine.prepared.named.is_empty());
-        surface.iter().for_each(|it| self.engine.give(&it.sample, &it.normal));
-        self.engine.end();
+        if let Some(why) = self.engine.give(surface.iter().map(|it| (&it.sample, &it.normal))) {
+            io.gap(&CLOUD, time, why);
+            return Ok(());
+        }
         self.points += surface.len() as u64;
         self.sigmas += surface.iter().map(|it| it.sample.sigma()).sum::<f64>();
         self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));

@@ -41,6 +41,8 @@ figures! {
     "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
     "surface.misfit_px.median": px, low, "How far the lines of sight of a moment's points pass the places that they agree on, median over the points of a moment and over the moments";
     "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
+    "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
+    "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
     "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
     "trajectories.count": count, neither, "Trajectories, of any length";
@@ -147,34 +149,40 @@ pub struct Tracker {
     options: TrackOptions,
     filters: FilterOptions,
     creep: CreepOptions,
-    numbers: Moments,
     renew: bool,
     /// Now, and a moment before.
     moments: [Moment; 2],
     n_levels: usize,
-    tracks: Vec<Track>,
-    lost: Vec<LostTrack>,
+    state: State,
     guide: Guide,
     stepper: Stepper,
-    next_id: u32,
-    counts: Counts,
+    coverages: Vec<f64>,
+    steps: Vec<Step>,
+    /// Moments since the last one of which points were given out.
+    without: u32,
     faults: Vec<String>,
 }
 
-#[derive(Debug, Default)]
+/// What a moment changes, and what is put back where it is left out.
+#[derive(Debug, Clone, Default)]
+struct State {
+    tracks: Vec<Track>,
+    lost: Vec<LostTrack>,
+    numbers: Moments,
+    next_id: u32,
+    counts: Counts,
+}
+
+#[derive(Debug, Clone, Default)]
 struct Counts {
     points: u64,
     sigmas: f64,
-    coverages: Vec<f64>,
     ended: BTreeMap<TrajectoryEnd, u64>,
     /// Points that had a next moment, and those that were not in it.
     followed: u64,
     not_found: u64,
     regenerated: u64,
     appeared: u64,
-    steps: Vec<Step>,
-    /// Moments since the last one with pictures of all cameras.
-    without: u32,
 }
 
 /// What all points did from one moment with pictures to the next.
@@ -186,7 +194,7 @@ struct Step {
     spread: f64,
     /// How long it took [s].
     dt_s: f64,
-    /// Over how many moments, those without pictures of all cameras counted.
+    /// Over how many moments, those without points counted.
     moments: u32,
 }
 
@@ -256,16 +264,15 @@ impl Node for Tracker {
                 scatters: settings.uniform_scatters,
                 error_m: CREEP_ERRORS * settings.uniform_mm * 1e-3,
             },
-            numbers: Moments::default(),
             renew: settings.renew,
             moments: [Moment::default(), Moment::default()],
             n_levels,
-            tracks: Vec::new(),
-            lost: Vec::new(),
+            state: State::default(),
             guide: Guide::default(),
             stepper: Stepper::default(),
-            next_id: 0,
-            counts: Counts::default(),
+            coverages: Vec::new(),
+            steps: Vec::new(),
+            without: 0,
             faults: Vec::new(),
         })
     }
@@ -277,40 +284,50 @@ impl Node for Tracker {
         let images: Vec<_> = io.take_set(&IMAGE).collect();
         let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
         self.moments.swap(0, 1);
-        let faults = self.moments[0].take(&self.engine.prepared.views, &images, self.n_levels);
+        self.faults.extend(self.engine.take(&mut self.moments[0], &images, self.n_levels));
         self.moments[0].time = time;
-        self.faults.extend(faults);
-        if let Some(why) = missing(&self.engine, &self.moments[0]) {
-            // The moment before stays what points are followed from.
-            self.moments.swap(0, 1);
-            self.counts.without += 1;
-            io.gap(&TRACKED, time, why.clone());
-            io.gap(&CLOUD, time, why);
-            return Ok(());
-        }
-        let tracked = self.follow(time);
-        self.counts.without = 0;
+        let before = self.state.clone();
+        let tracked = match missing(&self.engine, &self.moments[0]) {
+            Some(why) => Err(why),
+            None => {
+                let tracked = self.follow(time);
+                let points = self.state.tracks.iter().map(|it| (&it.sample, &it.normal));
+                self.engine.give(points).map_or(Ok(tracked), Err)
+            }
+        };
+        let (tracked, step) = match tracked {
+            Ok(tracked) => tracked,
+            Err(why) => {
+                // The moment before stays what points are followed from.
+                self.moments.swap(0, 1);
+                self.state = before;
+                self.without += 1;
+                io.gap(&TRACKED, time, why.clone());
+                io.gap(&CLOUD, time, why);
+                return Ok(());
+            }
+        };
+        self.without = 0;
+        self.steps.extend(step);
         let spacing = self.engine.prepared.cover.spacing_px;
         let cells: BTreeSet<[usize; 2]> =
-            self.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
-        self.counts.coverages.extend(coverage(cells.iter().copied()));
-        self.tracks.iter().for_each(|it| self.engine.give(&it.sample, &it.normal));
-        self.engine.end();
-        self.counts.points += tracked.list.len() as u64;
-        self.counts.sigmas += self.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
+            self.state.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
+        self.coverages.extend(coverage(cells.iter().copied()));
+        self.state.counts.points += tracked.list.len() as u64;
+        self.state.counts.sigmas += self.state.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);
         io.emit_at(&CLOUD, time, self.cloud());
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let counts = &self.counts;
+        let counts = &self.state.counts;
         self.engine.report(report);
         report.figure("surface.points", counts.points as f64);
         report.figure("surface.sigma_mm", 1e3 * counts.sigmas / counts.points as f64);
-        report.figure("surface.coverage", counts.coverages.iter().sum::<f64>() / counts.coverages.len() as f64);
-        report.figure("trajectories.count", f64::from(self.next_id));
-        report.figure("trajectories.mean_samples", counts.points as f64 / f64::from(self.next_id));
+        report.figure("surface.coverage", self.coverages.iter().sum::<f64>() / self.coverages.len() as f64);
+        report.figure("trajectories.count", f64::from(self.state.next_id));
+        report.figure("trajectories.mean_samples", counts.points as f64 / f64::from(self.state.next_id));
         for (end, count) in &counts.ended {
             report.figure(format!("trajectories.ended.{}", end.name()), *count as f64);
         }
@@ -340,12 +357,12 @@ impl Node for Tracker {
                 100.0 * lost
             ));
         }
-        let n = counts.steps.len() as f64;
-        let mean = mean_step(&counts.steps);
+        let n = self.steps.len() as f64;
+        let mean = mean_step(&self.steps);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             report.figure(format!("step_mm.{name}"), 1e3 * mean[axis]);
         }
-        report.figure("step_mm.spread", 1e3 * counts.steps.iter().map(|it| it.spread).sum::<f64>() / n);
+        report.figure("step_mm.spread", 1e3 * self.steps.iter().map(|it| it.spread).sum::<f64>() / n);
         tell(&mut self.faults, report);
         Ok(())
     }
@@ -353,13 +370,14 @@ impl Node for Tracker {
 
 impl Tracker {
     /// Takes the points from the moment before to now.
-    fn follow(&mut self, time: Time) -> TrackedSurface {
-        let before = std::mem::take(&mut self.tracks);
-        let is_first = before.is_empty() && self.next_id == 0;
+    fn follow(&mut self, time: Time) -> (TrackedSurface, Option<Step>) {
+        let before = std::mem::take(&mut self.state.tracks);
+        let is_first = before.is_empty() && self.state.next_id == 0;
         let dt_s = (time - self.moments[1].time).as_s();
         let mut ended = Vec::new();
         let mut now = Vec::new();
-        if (!before.is_empty() || !self.lost.is_empty()) && dt_s > 0.0 {
+        let mut step = None;
+        if (!before.is_empty() || !self.state.lost.is_empty()) && dt_s > 0.0 {
             let [present, past] = &self.moments;
             let Engine { measurer, prepared, .. } = &mut self.engine;
             let (views, measure) = (&prepared.views, &self.held);
@@ -367,9 +385,9 @@ impl Tracker {
                 self.stepper.step(measurer, views, [past, present], dt_s, before.clone(), measure, &self.options);
             let (held, false_ones) = filter(stepped.found, &before, dt_s, &self.filters);
             let (held, merged) = unmerged(held, prepared.cover.spacing_px);
-            self.counts.followed += before.len() as u64;
-            self.counts.not_found += (before.len() - held.len()) as u64;
-            self.counts.steps.extend(median_step(&held, dt_s, 1 + self.counts.without));
+            self.state.counts.followed += before.len() as u64;
+            self.state.counts.not_found += (before.len() - held.len()) as u64;
+            step = median_step(&held, dt_s, 1 + self.without);
             let around = Neighbourhood::of_a_step(&held, self.filters.radius_m, dt_s);
             let search = Search {
                 views,
@@ -379,51 +397,51 @@ impl Tracker {
                 measure,
                 options: &self.options,
             };
-            let again = self.stepper.regenerate(measurer, &mut self.lost, &search);
-            self.counts.regenerated += again.len() as u64;
+            let again = self.stepper.regenerate(measurer, &mut self.state.lost, &search);
+            self.state.counts.regenerated += again.len() as u64;
             if self.options.remember > 0 {
                 let missed = stepped.ended.iter().map(|it| it.0.clone());
-                self.lost.extend(missed.filter_map(|it| LostTrack::of(it, &mut self.stepper, &search)));
+                self.state.lost.extend(missed.filter_map(|it| LostTrack::of(it, &mut self.stepper, &search)));
             }
             for (track, end) in stepped.ended.into_iter().chain(false_ones).chain(merged) {
-                *self.counts.ended.entry(end).or_default() += 1;
+                *self.state.counts.ended.entry(end).or_default() += 1;
                 ended.push((track.id, end));
             }
             now = held;
             now.extend(again);
         }
-        let number = self.numbers.begin();
+        let number = self.state.numbers.begin();
         let is_crept = crept(&now, number, &self.creep);
         let mut flags = is_crept.iter();
         now.retain(|it| {
             let is_crept = flags.next() == Some(&true);
             if is_crept {
-                *self.counts.ended.entry(TrajectoryEnd::Crept).or_default() += 1;
+                *self.state.counts.ended.entry(TrajectoryEnd::Crept).or_default() += 1;
                 ended.push((it.id, TrajectoryEnd::Crept));
             }
             !is_crept
         });
-        self.tracks = now;
+        self.state.tracks = now;
         for id in self.cover(is_first) {
-            *self.counts.ended.entry(TrajectoryEnd::Alone).or_default() += 1;
+            *self.state.counts.ended.entry(TrajectoryEnd::Alone).or_default() += 1;
             ended.push((id, TrajectoryEnd::Alone));
         }
         ended.sort_unstable();
-        self.numbers.note(&mut self.tracks);
-        self.tracks.sort_by_key(|it| it.id);
+        self.state.numbers.note(&mut self.state.tracks);
+        self.state.tracks.sort_by_key(|it| it.id);
         let views = &self.engine.prepared.views;
-        let list = self.tracks.iter().map(|it| it.point(views)).collect();
-        TrackedSurface { time, list, ended }
+        let list = self.state.tracks.iter().map(|it| it.point(views)).collect();
+        (TrackedSurface { time, list, ended }, step)
     }
 
     /// Grows new points from those that are followed, or begins where there are none; what lies on another surface than its neighbours goes: the identities
     /// of those.
     fn cover(&mut self, is_first: bool) -> Vec<u32> {
         let moment = &self.moments[0];
-        let n_before = self.tracks.len();
+        let n_before = self.state.tracks.len();
         let seeds: Vec<Sample> = match n_before {
             0 => self.engine.begin(moment),
-            _ => self.tracks.iter().map(|it| it.sample.clone()).collect(),
+            _ => self.state.tracks.iter().map(|it| it.sample.clone()).collect(),
         };
         if !self.renew && n_before > 0 {
             return Vec::new();
@@ -441,22 +459,23 @@ impl Tracker {
             match it.seed.filter(|_| n_before > 0) {
                 Some(seed) => {
                     kept[seed] = true;
-                    tracks.push(Track { normal: it.normal, ..self.tracks[seed].clone() });
+                    tracks.push(Track { normal: it.normal, ..self.state.tracks[seed].clone() });
                 }
                 None => {
-                    self.counts.appeared += u64::from(!is_first);
-                    tracks.push(Track::new(self.next_id, it.sample, it.normal));
-                    self.next_id += 1;
+                    self.state.counts.appeared += u64::from(!is_first);
+                    tracks.push(Track::new(self.state.next_id, it.sample, it.normal));
+                    self.state.next_id += 1;
                 }
             }
         }
-        let before = std::mem::replace(&mut self.tracks, tracks);
+        let before = std::mem::replace(&mut self.state.tracks, tracks);
         before.iter().zip(kept).filter(|it| !it.1).map(|it| it.0.id).collect()
     }
 
     fn cloud(&self) -> PointCloud {
         let spacing = self.engine.prepared.cover.spacing_px;
         let mut surface: Vec<crate::cover::Covered> = self
+            .state
             .tracks
             .iter()
             .map(|it| crate::cover::Covered {

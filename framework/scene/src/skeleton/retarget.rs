@@ -13,6 +13,10 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use super::{Axis, Channel, SkeletonMotion, euler_angles};
 
+mod odd;
+
+pub use odd::odd_pairs;
+
 /// Legs that end this near to one another, over the height of the hips, are both stood on [–].
 const LEGS_ALIKE: f64 = 0.1;
 

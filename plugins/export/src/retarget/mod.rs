@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use foveate::geometry::body::{Part, SHOULDER_UP, proportions::Proportions};
 use foveate::prelude::*;
 use foveate::scene::skeleton::retarget::{
-    RetargetError, RigJoint, RigPose, Ups, as_motion, followed, retarget, rig_of, ups_of,
+    RetargetError, RigJoint, RigPose, Ups, as_motion, followed, odd_pairs, retarget, rig_of, ups_of,
 };
 use foveate::scene::skeleton::{Axis, SkeletonMotion};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -190,6 +190,10 @@ impl Node for ExportRetarget {
             report.remark(format!(
                 "The motion's {moving} points up as it moves, and {at_rest} at rest, expected y: it is turned so that y does."
             ));
+        }
+        let odd = odd_pairs(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
+        if !odd.is_empty() {
+            report.remark(format!("The map is hardly as it was meant: {}.", odd.join("; ")));
         }
         let poses = retarget(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
         report.figure("retarget.frames", poses.len() as f64);

@@ -127,6 +127,22 @@ fn an_arm_by_itself_drives_a_puppet_whose_arms_stretch_out() {
 }
 
 #[test]
+fn pairs_of_a_map_that_are_hardly_meant_are_told() {
+    let of = |rig: &str, map: &[(&str, &str)]| {
+        let remarks = written("puppet.bvh", rig.as_bytes(), map).0.remarks;
+        remarks.iter().filter(|it| it.contains("hardly")).cloned().collect::<Vec<_>>().join("\n")
+    };
+    let told = |map: &[(&str, &str)]| of(PUPPET, map);
+    assert_eq!(told(&MAP), "");
+    let side = of(&PUPPET.replace("arm_r", "arm_l"), &[("pelvis", "Hips"), ("arm_l", "RightArm")]);
+    assert!(side.contains("`arm_l` follows RightArm: left and right"), "{side}");
+    let order = told(&[("pelvis", "Hips"), ("arm_r", "RightForeArm"), ("fore_r", "RightArm")]);
+    assert!(order.contains("`fore_r` hangs below `arm_r`") && order.contains("RightArm"), "{order}");
+    let leg = told(&[("pelvis", "Hips"), ("leg_r", "RightArm")]);
+    assert!(leg.contains("`leg_r`, below the root at rest, follows RightArm, above it"), "{leg}");
+}
+
+#[test]
 fn a_glb_rig_gets_the_same_motion_and_keeps_what_it_had() {
     let rig = puppet_glb();
     let map = &MAP[..3];

@@ -69,7 +69,7 @@ fn one_of_three_cameras_out_of_step_gives_no_false_depth() {
     let (surfaces, report) = with(3);
     let wrong = surfaces.iter().flat_map(|it| &it.list).filter(|it| it.position.y.abs() > 8e-3).count();
     let counts: Vec<usize> = surfaces.iter().map(|it| it.list.len()).collect();
-    assert!(counts[0] > 300 && wrong == 0 && counts[1] < 30, "{wrong} of {counts:?}");
+    assert!(counts[0] > 300 && wrong == 0 && counts[1..].iter().all(|it| *it < 30), "{wrong} of {counts:?}");
     assert!(report.figures["surface.unseen"] == 0.0, "{:?}", report.figures);
     // Where two are enough, each pair has a surface of its own, and the run says that the third does not see it.
     let (_, report) = with(2);
