@@ -86,8 +86,8 @@ pub struct TrackerSettings {
     /// Points that are accelerated more are false: a hand that hits something 1,000 m/s² [m/s²]
     #[schemars(range(min = 0.0001, max = 100000.0))]
     pub max_acceleration: f64,
-    /// Within this the motion is to be uniform: less than the width of a limb [mm]
-    #[schemars(range(min = 0.01, max = 1000.0))]
+    /// Within this the motion is to be uniform: less than the width of a limb, and more than from a point to the next but one. 0: 3.75 places of the grid [mm]
+    #[schemars(range(min = 0.0, max = 1000.0))]
     pub uniform_radius_mm: f64,
     /// A velocity may differ from its neighbours' median by this part of it: a limb that turns [–]
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -95,7 +95,7 @@ pub struct TrackerSettings {
     /// and by so many median differences of the neighbours' own [–]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub uniform_scatters: f64,
-    /// and by what this error of a step makes [mm]
+    /// and by what this error of a step makes. 0: the standard deviation of a point, median over all [mm]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub uniform_mm: f64,
     /// Moments for which a lost point is looked for; 0: it is not [–]
@@ -116,10 +116,10 @@ impl Default for TrackerSettings {
             agree_px: 0.5,
             max_speed: 10.0,
             max_acceleration: 1000.0,
-            uniform_radius_mm: 15.0,
+            uniform_radius_mm: 0.0,
             uniform_part: 0.25,
             uniform_scatters: 5.0,
-            uniform_mm: 0.1,
+            uniform_mm: 0.0,
             remember: 5,
             renew: true,
         }
@@ -135,6 +135,9 @@ const REPEATING: f64 = 0.2;
 /// Of points more than this part is not lost from picture to picture unless something is wrong [–].
 const LOST: f64 = 0.5;
 
+/// Where `uniform_radius_mm` is left to it: so many places of the grid [–].
+const RADIUS_PLACES: f64 = 3.75;
+
 /// A path is held against neighbours within so many radii of uniform motion: more than what creeps in company.
 const CREEP_RADII: f64 = 2.0;
 
@@ -149,6 +152,8 @@ pub struct Tracker {
     options: TrackOptions,
     filters: FilterOptions,
     creep: CreepOptions,
+    /// Within what the motion is uniform, and what error of a step it may have; 0: as the points have it [m].
+    uniform_m: [f64; 2],
     renew: bool,
     /// Now, and a moment before.
     moments: [Moment; 2],
@@ -223,7 +228,7 @@ impl Node for Tracker {
         ConfigError::unless_in("agree_px", settings.agree_px, 0.01..=10.0)?;
         ConfigError::unless_in("max_speed", settings.max_speed, 1e-4..=1e3)?;
         ConfigError::unless_in("max_acceleration", settings.max_acceleration, 1e-4..=1e5)?;
-        ConfigError::unless_in("uniform_radius_mm", settings.uniform_radius_mm, 0.01..=1e3)?;
+        ConfigError::unless_in("uniform_radius_mm", settings.uniform_radius_mm, 0.0..=1e3)?;
         ConfigError::unless_in("uniform_part", settings.uniform_part, 0.0..=1.0)?;
         ConfigError::unless_in("uniform_scatters", settings.uniform_scatters, 0.0..=100.0)?;
         ConfigError::unless_in("uniform_mm", settings.uniform_mm, 0.0..=100.0)?;
@@ -249,21 +254,18 @@ impl Node for Tracker {
                 boxes_px,
                 agree_px: settings.agree_px,
                 remember: settings.remember,
-                radius_m: settings.uniform_radius_mm * 1e-3,
+                radius_m: 0.0,
             },
             filters: FilterOptions {
                 max_speed: settings.max_speed,
                 max_acceleration: settings.max_acceleration,
-                radius_m: settings.uniform_radius_mm * 1e-3,
+                radius_m: 0.0,
                 uniform_part: settings.uniform_part,
                 uniform_scatters: settings.uniform_scatters,
-                uniform_m: settings.uniform_mm * 1e-3,
+                uniform_m: 0.0,
             },
-            creep: CreepOptions {
-                radius_m: CREEP_RADII * settings.uniform_radius_mm * 1e-3,
-                scatters: settings.uniform_scatters,
-                error_m: CREEP_ERRORS * settings.uniform_mm * 1e-3,
-            },
+            creep: CreepOptions { radius_m: 0.0, scatters: settings.uniform_scatters, error_m: 0.0 },
+            uniform_m: [settings.uniform_radius_mm, settings.uniform_mm].map(|it| it * 1e-3),
             renew: settings.renew,
             moments: [Moment::default(), Moment::default()],
             n_levels,
@@ -349,7 +351,16 @@ impl Node for Tracker {
             ));
         }
         let lost = counts.not_found as f64 / counts.followed as f64;
-        if lost > LOST && !is_repeating {
+        let uneven = counts.ended.get(&TrajectoryEnd::NotUniform).copied().unwrap_or(0) as f64 / counts.followed as f64;
+        if uneven > 0.5 * LOST {
+            report.remark(format!(
+                "{:.0} % of the points move otherwise than those around them, or have too few around them: expected a `uniform_radius_mm` of three places of the grid or more ({:.1} mm now), and a `uniform_mm` of what \
+                 a point is off ({:.2} mm now); 0 leaves both to the points",
+                100.0 * uneven,
+                1e3 * self.options.radius_m,
+                1e3 * self.filters.uniform_m
+            ));
+        } else if lost > LOST && !is_repeating {
             let [first, later] = self.options.boxes_px;
             report.remark(format!(
                 "{:.0} % of the points were not found in the next picture: they move farther from picture to picture than they are looked for (`first_search_px` = {first}, `search_px` = {later}), pictures \
@@ -369,6 +380,24 @@ impl Node for Tracker {
 }
 
 impl Tracker {
+    /// Limits that go by how far points lie apart, and how well they are known.
+    fn scale(&mut self, tracks: &[Track]) {
+        let Prepared { views, reference, cover, .. } = &self.engine.prepared;
+        let camera = &views[*reference].camera;
+        let pixel = |it: &Track| (camera.camera_from_world * it.sample.position).z / camera.intrinsics.focal[0];
+        let middle = |of: &dyn Fn(&Track) -> f64| median(&tracks.iter().map(of).collect::<Vec<_>>());
+        let places_m = middle(&pixel).map(|it| RADIUS_PLACES * cover.spacing_px as f64 * it);
+        let found = [places_m, middle(&|it| it.sample.sigma())];
+        let before = [self.options.radius_m, self.filters.uniform_m];
+        let [radius_m, error_m] = [0, 1].map(|it| match self.uniform_m[it] {
+            0.0 => found[it].unwrap_or(before[it]),
+            set => set,
+        });
+        (self.options.radius_m, self.filters.radius_m, self.creep.radius_m) =
+            (radius_m, radius_m, CREEP_RADII * radius_m);
+        (self.filters.uniform_m, self.creep.error_m) = (error_m, CREEP_ERRORS * error_m);
+    }
+
     /// Takes the points from the moment before to now.
     fn follow(&mut self, time: Time) -> (TrackedSurface, Option<Step>) {
         let before = std::mem::take(&mut self.state.tracks);
@@ -377,6 +406,7 @@ impl Tracker {
         let mut ended = Vec::new();
         let mut now = Vec::new();
         let mut step = None;
+        self.scale(&before);
         if (!before.is_empty() || !self.state.lost.is_empty()) && dt_s > 0.0 {
             let [present, past] = &self.moments;
             let Engine { measurer, prepared, .. } = &mut self.engine;

@@ -7,13 +7,14 @@
 //! | `NAME_shaded.png` | the bare surface from the front, lit from the upper left |
 //! | `NAME_range.png` | 16 bits a pixel: distance from a plane before the surface in units of `range_unit_mm`; 0 where there is none |
 //!
-//! From the front is from where the surface faces on the whole; pictures have no perspective.
+//! From the front is from where the surface faces on the whole, and where it is closed from where the cameras of the calibration stand (the first one, where they stand all around); pictures have no perspective.
 
 mod view;
 
 use std::sync::Arc;
 
 use foveate::prelude::*;
+use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +62,8 @@ pub struct ExportSurface {
     settings: ExportSurfaceSettings,
     file: WholeFile,
     last: Option<Arc<Mesh>>,
+    /// Where the cameras stand [m].
+    cameras: Vec<Point3<f64>>,
 }
 
 impl Node for ExportSurface {
@@ -80,7 +83,8 @@ impl Node for ExportSurface {
         for ending in [".ply", ".glb", "_range.png", "_shaded.png"] {
             setup.claim_named_file("name", &format!("{}{ending}", settings.name))?;
         }
-        Ok(Self { file: WholeFile::new(setup, &settings.name), settings, last: None })
+        let cameras = setup.calibration.cameras.iter().map(|it| it.camera.centre()).collect();
+        Ok(Self { file: WholeFile::new(setup, &settings.name), settings, last: None, cameras })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -109,7 +113,7 @@ impl Node for ExportSurface {
                 |it| NodeError::input(format!("{name}.glb would have {it} bytes, expected fewer than 4 GB"));
             put(".glb", &mesh_glb(&mesh, name).map_err(too_large)?)?;
         }
-        if let Some(view) = View::of(&mesh, self.settings.height_px).filter(|_| self.settings.pictures) {
+        if let Some(view) = View::of(&mesh, &self.cameras, self.settings.height_px).filter(|_| self.settings.pictures) {
             let range = view.range(1e-3 * self.settings.range_unit_mm);
             let gray = png::ColorType::Grayscale;
             put("_range.png", &encoded(view.size, gray, png::BitDepth::Sixteen, &range).map_err(NodeError::input)?)?;
@@ -153,7 +157,7 @@ pub fn ply(mesh: &Mesh, name: &str) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     use super::*;
 

@@ -10,6 +10,18 @@ const MARGIN: f64 = 0.03;
 /// Columns over rows at most, either way.
 const MOST_STRETCHED: f64 = 4.0;
 
+/// Normals of a surface that is closed cancel out: their mean is shorter [–].
+const CLOSED: f64 = 0.2;
+/// Cameras stand on one side of a place where the mean of the directions to them is longer [–].
+const ONE_SIDED: f64 = 0.5;
+
+/// The direction to the cameras that stand on one side of `place`; to the first one where they stand around it.
+fn side_of(cameras: &[Point3<f64>], place: &Point3<f64>) -> Option<Vector3<f64>> {
+    let ways: Vec<Vector3<f64>> = cameras.iter().filter_map(|it| (it - place).try_normalize(1e-9)).collect();
+    let mean = ways.iter().sum::<Vector3<f64>>() / ways.len() as f64;
+    if mean.norm() > ONE_SIDED { Some(mean) } else { ways.first().copied() }
+}
+
 /// Pictures of a surface.
 pub(super) struct View {
     /// Columns, rows.
@@ -21,13 +33,17 @@ pub(super) struct View {
 }
 
 impl View {
-    /// `None` for a surface without a triangle.
-    pub fn of(mesh: &Mesh, rows: u32) -> Option<View> {
+    /// From where the surface faces; one that is closed from where `cameras` stand. `None` for a surface without a triangle.
+    pub fn of(mesh: &Mesh, cameras: &[Point3<f64>], rows: u32) -> Option<View> {
         let triangles: Vec<[u32; 3]> = mesh.triangles().collect();
         triangles.first()?;
         let vertices: Vec<MeshVertex> = mesh.vertices().collect();
-        let facing: Vector3<f64> = vertices.iter().map(|it| it.normal.cast::<f64>()).sum();
-        let back = -facing.try_normalize(1e-9).unwrap_or_else(Vector3::y);
+        let n = vertices.len() as f64;
+        let facing = vertices.iter().map(|it| it.normal.cast::<f64>()).sum::<Vector3<f64>>() / n;
+        let middle = Point3::from(vertices.iter().map(|it| it.position.cast::<f64>().coords).sum::<Vector3<f64>>() / n);
+        let is_open = facing.norm() > CLOSED;
+        let back = -Some(facing).filter(|_| is_open).or_else(|| side_of(cameras, &middle)).unwrap_or(facing);
+        let back = back.try_normalize(1e-9).unwrap_or_else(Vector3::y);
         // As a camera: x to the right, y down, z away from who looks; up is up, or north where the view is from above.
         let up = if back.z.abs() < 0.95 { Vector3::z() } else { Vector3::y() };
         let right = back.cross(&up).normalize();
@@ -99,7 +115,7 @@ mod tests {
 
     #[test]
     fn a_roof_is_seen_from_where_it_faces_with_up_upwards() {
-        let view = View::of(&super::super::tests::roof(), 100).unwrap();
+        let view = View::of(&super::super::tests::roof(), &[], 100).unwrap();
         // As wide as it is high, but for rounding up.
         let [columns, rows] = view.size.map(|it| it as usize);
         assert!(rows == 100 && (100..=101).contains(&columns), "{columns}");
@@ -108,6 +124,29 @@ mod tests {
         let nearest = (0..view.depths.len()).min_by(|a, b| view.depths[*a].total_cmp(&view.depths[*b])).unwrap();
         let (x, y) = (nearest % columns, nearest / columns);
         assert!((48..=52).contains(&x) && (48..=51).contains(&y), "{x} {y}");
-        assert!(View::of(&Mesh::new([], &[]), 100).is_none());
+        assert!(View::of(&Mesh::new([], &[]), &[], 100).is_none());
+    }
+
+    #[test]
+    fn a_closed_surface_is_seen_from_its_cameras() {
+        // A cube with a dent in its near side, along -x: of its corners one pair is nearer together there.
+        let corner = |index: usize| {
+            let [x, y, z] = [0, 1, 2].map(|axis| if index >> axis & 1 == 1 { 0.1_f32 } else { -0.1 });
+            let place = Point3::new(x, if x < 0.0 { 0.5 * y } else { y }, z);
+            MeshVertex { position: place, normal: place.coords.normalize(), weight: 1.0, sigma: 1e-4, colour: [0; 3] }
+        };
+        let faces = [[0, 2, 6, 4], [1, 5, 7, 3], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]];
+        let triangles: Vec<[u32; 3]> = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+        let cube = Mesh::new((0..8).map(corner), &triangles);
+        let nearest_is_narrow = |cameras: &[Point3<f64>]| {
+            let view = View::of(&cube, cameras, 100).unwrap();
+            let near = view.depths.iter().filter(|it| **it < 0.01).count() as f64;
+            near / (view.depths.iter().filter(|it| it.is_finite()).count() as f64) < 0.75
+        };
+        let at = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        assert!(nearest_is_narrow(&[at(-2.0, 0.3), at(-2.0, -0.3)]));
+        assert!(!nearest_is_narrow(&[at(2.0, 0.3), at(2.0, -0.3)]));
+        // All around it: from the first.
+        assert!(nearest_is_narrow(&[at(-2.0, 0.0), at(0.0, 2.0), at(2.0, 0.0), at(0.0, -2.0)]));
     }
 }

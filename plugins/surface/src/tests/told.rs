@@ -68,6 +68,23 @@ fn motion_that_is_too_fast_for_the_search_is_told() {
 }
 
 #[test]
+fn uniform_motion_is_told_by_the_spacing_of_the_points_and_by_their_errors() {
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 74);
+    let moments: Vec<Vec<Image>> = (0..4).map(|k| scene.moved(pose(k)).pictures(&cameras)).collect();
+    let kept = |uniform_radius_mm: f64, uniform_mm: f64| {
+        let (surfaces, report) =
+            tracked(&moments, &cameras, tracker::TrackerSettings { uniform_radius_mm, uniform_mm, ..tracking() });
+        let is_told = report.remarks.iter().any(|it| it.contains("move otherwise than those around them"));
+        (surfaces[3].list.iter().filter(|it| it.n_samples == 4).count(), is_told)
+    };
+    let (n, is_told) = kept(0.0, 0.0);
+    assert!(n > 300 && !is_told, "{n}");
+    // Less than from a point to the next.
+    assert_eq!(kept(1.0, 0.0), (0, true));
+}
+
+#[test]
 fn a_setting_of_the_surface_that_is_wrong_is_pointed_at_where_the_tracker_has_it() {
     let setup = setup(&cameras(2));
     let out = [[f64::from(SIZE[0]) + 3.0, 5.0], [5.0, 5.0]];
