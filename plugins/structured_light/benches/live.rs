@@ -122,8 +122,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ..BoundariesSettings::default()
             };
             let mut tracked = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image", "shown", "pose"]))?;
-            let mut made =
-                NodeBench::<Triangulator>::with_setup(TriangulatorSettings::default(), &setup(&["map", "pose"]))?;
+            let mut made = NodeBench::<Triangulator>::with_setup(
+                TriangulatorSettings { threads, ..TriangulatorSettings::default() },
+                &setup(&["map", "pose"]),
+            )?;
             let (mut tracking_s, mut making_s, mut n_maps, mut n_points) = (0.0, 0.0, 0, 0);
             for number in 0..PICTURES {
                 let from = Time::from_s(PERIOD_S * f64::from(number));

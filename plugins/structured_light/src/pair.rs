@@ -44,6 +44,16 @@ pub fn triangulate(
     pixel: &Point2<f64>,
     sample: &ProjectorSample,
 ) -> Option<OnRay> {
+    triangulate_ray(|| camera.ray(pixel), projector, sample)
+}
+
+/// The same of a ray that is asked for where a coordinate is known.
+#[inline]
+pub fn triangulate_ray(
+    ray: impl FnOnce() -> Option<Ray>,
+    projector: &Camera,
+    sample: &ProjectorSample,
+) -> Option<OnRay> {
     let seen = sample.coordinate.map(f64::from);
     let weights = [0, 1].map(|it| {
         let sigma = f64::from(sample.sigma[it]);
@@ -52,7 +62,7 @@ pub fn triangulate(
     if weights == [0.0; 2] {
         return None;
     }
-    let ray = camera.ray(pixel)?;
+    let ray = ray()?;
     let mut depth = start(projector, &ray, seen, weights)?;
     let along = ray.direction.into_inner();
     for step in 0..=STEPS {

@@ -4,17 +4,19 @@
 //! same surface. A point of which too few do is left out.
 
 use std::collections::VecDeque;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
-use foveate::geometry::Camera;
+use foveate::geometry::{Camera, Ray};
 use foveate::prelude::*;
-use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{
+    Isometry3, Matrix3, Point2, Point3, SMatrix, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::orientation::{likely_change, other_axis};
-use crate::pair::{OnRay, triangulate};
+use crate::pair::{OnRay, triangulate, triangulate_ray};
 use crate::pattern::projector_of;
 use crate::unfit::{misfit, too_vague};
 
@@ -58,6 +60,9 @@ pub struct TriangulatorSettings {
     /// How well the direction of a camera pixel is known, standard deviation: that of a good calibration [px]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub camera_sigma_px: f64,
+    /// Threads over which the rows are spread; the result is the same for any number [–]
+    #[schemars(range(min = 1, max = 64))]
+    pub threads: usize,
 }
 
 impl Default for TriangulatorSettings {
@@ -70,6 +75,7 @@ impl Default for TriangulatorSettings {
             min_confidence: 0.25,
             step: 0.01,
             camera_sigma_px: 0.1,
+            threads: 2,
         }
     }
 }
@@ -98,6 +104,7 @@ pub struct Triangulator {
     camera_name: String,
     camera: Camera,
     projector: Camera,
+    ideals: Ideals,
     white: VecDeque<(Time, Arc<Image>)>,
     /// Those that wait for their white pictures.
     maps: VecDeque<Stamped<Arc<ProjectorMap>>>,
@@ -140,6 +147,7 @@ impl Node for Triangulator {
         ConfigError::unless_in("min_confidence", settings.min_confidence, 0.0..=1.0)?;
         ConfigError::unless_in("step", settings.step, 1e-4..=1.0)?;
         ConfigError::unless_in("camera_sigma_px", settings.camera_sigma_px, 0.0..=10.0)?;
+        ConfigError::unless_in("threads", settings.threads, 1..=64)?;
         let camera = setup.camera_model().cloned().ok_or_else(|| {
             ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
         })?;
@@ -150,6 +158,7 @@ impl Node for Triangulator {
             poses: VecDeque::new(),
             has_pose: setup.is_connected(&POSE),
             settings,
+            ideals: Ideals::default(),
             camera,
             projector,
             white: VecDeque::new(),
@@ -307,23 +316,31 @@ impl Triangulator {
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {
         let (width, height) = (map.width as usize, map.height as usize);
-        let mut found = vec![Seen::NONE; width * height];
-        let mut ratios = Vec::new();
-        for y in 0..height {
-            for x in 0..width {
-                let sample = map.get(x, y);
-                let pixel = Point2::new(x as f64, y as f64);
-                let Some(point) = triangulate(&self.camera, &self.projector, &pixel, &sample) else {
-                    self.unmet += u64::from(sample.coordinate.iter().any(|it| it.is_finite()));
-                    continue;
-                };
-                if point.misfit > self.settings.max_misfit_px {
-                    self.misfits += 1;
-                } else {
-                    found[y * width + x] = Seen::new(&self.camera, &point);
-                    ratios.push((point.sigma / point.depth) as f32);
+        let ideals = std::mem::take(&mut self.ideals).of(&self.camera);
+        let sights = Sights::new(&self.camera, &ideals);
+        let (max_misfit, projector) = (self.settings.max_misfit_px, &self.projector);
+        let bands = over_rows(height, self.settings.threads, |rows| {
+            let mut band = Band { found: vec![Seen::NONE; rows.len() * width], ..Band::default() };
+            for (at, seen) in (rows.start * width..rows.end * width).zip(&mut band.found) {
+                let sample = map.get(at % width, at / width);
+                match triangulate_ray(|| sights.ray(at % width, at / width), projector, &sample) {
+                    None => band.unmet += u64::from(sample.coordinate.iter().any(|it| it.is_finite())),
+                    Some(point) if point.misfit > max_misfit => band.misfits += 1,
+                    Some(point) => {
+                        *seen = sights.seen(&point);
+                        band.ratios.push((point.sigma / point.depth) as f32);
+                    }
                 }
             }
+            band
+        });
+        self.unmet += bands.iter().map(|it| it.unmet).sum::<u64>();
+        self.misfits += bands.iter().map(|it| it.misfits).sum::<u64>();
+        let n = width * height;
+        let (mut found, mut ratios) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for band in &bands {
+            found.extend_from_slice(&band.found);
+            ratios.extend_from_slice(&band.ratios);
         }
         let limit = max_sigma(self.settings.max_sigma, &mut ratios) as f32;
         for it in found.iter_mut().filter(|it| it.sigma > limit * it.depth) {
@@ -341,33 +358,40 @@ impl Triangulator {
         };
         let angle_sigma = self.settings.camera_sigma_px / self.camera.intrinsics.focal[0];
         let of_pose = pose.map_or_else(Matrix3::zeros, |it| self.by_pose(map, &found, it));
-        let grid = Grid { found: &found, width, height, camera: &self.camera, settings: &self.settings };
-        for (at, point) in found.iter().enumerate() {
-            if point.depth.is_nan() {
-                continue;
+        let grid = Grid { found: &found, width, height, sights: &sights, settings: &self.settings };
+        let bands = over_rows(height, self.settings.threads, |rows| {
+            let (mut points, mut alone) = (Vec::new(), 0);
+            for at in (rows.start * width..rows.end * width).filter(|it| !found[*it].depth.is_nan()) {
+                let (x, y, point) = (at % width, at / width, &found[at]);
+                let Some(ray) = sights.ray(x, y) else { continue };
+                let Around { normal, confidence } = grid.around(x, y, point);
+                if confidence < grid.settings.min_confidence {
+                    alone += 1;
+                    continue;
+                }
+                let (depth, sigma) = (f64::from(point.depth), f64::from(point.sigma));
+                let point = OnRay { ray, depth, sigma, misfit: 0.0 };
+                let covariance: Matrix3<f64> = point.covariance(angle_sigma) + of_pose;
+                points.push(CloudPoint {
+                    position: point.point().cast(),
+                    covariance: covariance.cast(),
+                    normal: normal.cast(),
+                    confidence: confidence as f32,
+                    pixel: [x as u16, y as u16],
+                    colour: white.map_or([255; 3], |it| colour(it, at)),
+                });
             }
-            let (x, y) = (at % width, at / width);
-            let Some(ray) = self.camera.ray(&Point2::new(x as f64, y as f64)) else { continue };
-            let (depth, sigma) = (f64::from(point.depth), f64::from(point.sigma));
-            let Around { normal, confidence } = grid.around(x, y, point);
-            let point = OnRay { ray, depth, sigma, misfit: 0.0 };
-            if confidence < self.settings.min_confidence {
-                self.alone += 1;
-                continue;
+            (points, alone)
+        });
+        for (points, alone) in bands {
+            self.alone += alone;
+            self.points += points.len() as u64;
+            for one in &points {
+                self.sigmas += f64::from(one.sigma());
+                cloud.push(one);
             }
-            let covariance: Matrix3<f64> = point.covariance(angle_sigma) + of_pose;
-            let one = CloudPoint {
-                position: point.point().cast(),
-                covariance: covariance.cast(),
-                normal: normal.cast(),
-                confidence: confidence as f32,
-                pixel: [x as u16, y as u16],
-                colour: white.map_or([255; 3], |it| colour(it, at)),
-            };
-            self.sigmas += f64::from(one.sigma());
-            self.points += 1;
-            cloud.push(&one);
         }
+        self.ideals = ideals;
         cloud
     }
 
@@ -415,9 +439,81 @@ struct Seen {
 
 impl Seen {
     const NONE: Seen = Seen { depth: f32::NAN, sigma: f32::NAN, inverse_z: f32::NAN };
+}
 
-    fn new(camera: &Camera, point: &OnRay) -> Seen {
-        let z = (camera.camera_from_world * point.point()).z;
+/// What rows of a map have.
+#[derive(Default)]
+struct Band {
+    found: Vec<Seen>,
+    /// Standard deviations over distances [–].
+    ratios: Vec<f32>,
+    unmet: u64,
+    misfits: u64,
+}
+
+/// What `work` makes of bands of rows, in their order.
+fn over_rows<T: Send>(height: usize, threads: usize, work: impl Fn(Range<usize>) -> T + Sync) -> Vec<T> {
+    let rows = height.div_ceil(threads).max(1);
+    let bands = (0..height).step_by(rows).map(|it| it..(it + rows).min(height));
+    if threads == 1 {
+        return bands.map(work).collect();
+    }
+    std::thread::scope(|scope| {
+        let work = &work;
+        let running: Vec<_> = bands.map(|it| scope.spawn(move || work(it))).collect();
+        running.into_iter().map(|it| it.join().unwrap_or_else(|fault| std::panic::resume_unwind(fault))).collect()
+    })
+}
+
+/// Pixels of a camera without lens and principal point, row by row, NaN where there is no line of sight; empty before they are asked for, and for cameras of many pixels.
+#[derive(Default)]
+struct Ideals(Vec<Vector2<f64>>);
+
+/// Of cameras with more pixels each line of sight is worked out where it is used.
+const MOST_IDEALS: usize = 3_000_000;
+
+impl Ideals {
+    fn of(self, camera: &Camera) -> Self {
+        let [width, height] = camera.image_size.map(|it| it as usize);
+        if width * height > MOST_IDEALS || !self.0.is_empty() {
+            return self;
+        }
+        let one = |at: usize| camera.normalise(&Point2::new((at % width) as f64, (at / width) as f64));
+        Self((0..width * height).map(|it| one(it).unwrap_or(Vector2::repeat(f64::NAN))).collect())
+    }
+}
+
+/// Lines of sight of a camera as it stands.
+struct Sights<'a> {
+    camera: &'a Camera,
+    ideals: &'a Ideals,
+    width: usize,
+    centre: Point3<f64>,
+    world_from_camera: UnitQuaternion<f64>,
+}
+
+impl<'a> Sights<'a> {
+    fn new(camera: &'a Camera, ideals: &'a Ideals) -> Self {
+        let world_from_camera = camera.camera_from_world.rotation.inverse();
+        Self { camera, ideals, width: camera.image_size[0] as usize, centre: camera.centre(), world_from_camera }
+    }
+
+    #[inline]
+    fn ideal(&self, x: usize, y: usize) -> Option<Vector2<f64>> {
+        match self.ideals.0.get(y * self.width + x) {
+            Some(ideal) => (!ideal.x.is_nan()).then_some(*ideal),
+            None => self.camera.normalise(&Point2::new(x as f64, y as f64)),
+        }
+    }
+
+    #[inline]
+    fn ray(&self, x: usize, y: usize) -> Option<Ray> {
+        let direction = Unit::new_normalize(self.world_from_camera * self.ideal(x, y)?.push(1.0));
+        Some(Ray { origin: self.centre, direction })
+    }
+
+    fn seen(&self, point: &OnRay) -> Seen {
+        let z = (self.camera.camera_from_world * point.point()).z;
         Seen { depth: point.depth as f32, sigma: point.sigma as f32, inverse_z: z.recip() as f32 }
     }
 }
@@ -427,7 +523,7 @@ struct Grid<'a> {
     found: &'a [Seen],
     width: usize,
     height: usize,
-    camera: &'a Camera,
+    sights: &'a Sights<'a>,
     settings: &'a TriangulatorSettings,
 }
 
@@ -441,41 +537,85 @@ struct Around {
 impl Grid<'_> {
     fn around(&self, x: usize, y: usize, point: &Seen) -> Around {
         let reach = self.settings.reach;
-        let mut samples: Vec<[f64; 3]> = Vec::with_capacity((2 * reach + 1).pow(2));
-        let mut beside = 0;
+        let step = self.settings.step as f32 * point.depth;
+        let variance = point.sigma * point.sigma;
+        let mut plane = Plane::default();
         for row in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
-            for column in x.saturating_sub(reach)..(x + reach + 1).min(self.width) {
-                let other = &self.found[row * self.width + column];
-                let noise = 3.0 * point.sigma.hypot(other.sigma);
-                let away = (row.abs_diff(y)).max(column.abs_diff(x)) as f32;
-                if (other.depth - point.depth).abs() <= noise + self.settings.step as f32 * point.depth * away {
-                    let offset = [column as f64 - x as f64, row as f64 - y as f64];
-                    samples.push([offset[0], offset[1], f64::from(other.inverse_z - point.inverse_z)]);
-                    beside += usize::from(away > 0.0);
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(self.width);
+            let others = &self.found[row * self.width..][columns.clone()];
+            let rows_away = row.abs_diff(y);
+            let mut line = Line::default();
+            for (column, other) in columns.zip(others) {
+                let away = rows_away.max(column.abs_diff(x)) as f32;
+                let beyond = (other.depth - point.depth).abs() - step * away;
+                if beyond <= 0.0 || beyond * beyond <= 9.0 * (variance + other.sigma * other.sigma) {
+                    line.add(column as i32 - x as i32, f64::from(other.inverse_z - point.inverse_z));
                 }
             }
+            plane.add(row as i32 - y as i32, &line);
         }
-        let confidence = beside as f64 / ((2 * reach + 1).pow(2) - 1) as f64;
-        let normal = self.normal(x, y, f64::from(point.inverse_z), &samples).unwrap_or_else(Vector3::zeros);
+        let confidence = f64::from(plane.n - 1) / ((2 * reach + 1).pow(2) - 1) as f64;
+        let normal = self.normal(x, y, f64::from(point.inverse_z), &plane).unwrap_or_else(Vector3::zeros);
         Around { normal, confidence }
     }
 
     /// From offsets in pixels and in inverse depth.
-    fn normal(&self, x: usize, y: usize, inverse: f64, samples: &[[f64; 3]]) -> Option<Vector3<f64>> {
-        let (mut normal, mut side) = (Matrix3::zeros(), Vector3::zeros());
-        for [dx, dy, off] in samples {
-            let row = Vector3::new(1.0, *dx, *dy);
-            normal += row * row.transpose();
-            side += row * *off;
-        }
-        let fit = normal.try_inverse()? * side;
-        let ideal = self.camera.normalise(&Point2::new(x as f64, y as f64))?;
-        let [fx, fy] = self.camera.intrinsics.focal;
+    fn normal(&self, x: usize, y: usize, inverse: f64, plane: &Plane) -> Option<Vector3<f64>> {
+        let fit = plane.fit()?;
+        let ideal = self.sights.ideal(x, y)?;
+        let [fx, fy] = self.sights.camera.intrinsics.focal;
         // n·(x, y, 1) / d = 1/z on the plane n·p = d; n points away from the camera.
         let (a, b, c) = (inverse + fit[0], fit[1] * fx, fit[2] * fy);
         let away = Vector3::new(b, c, a - b * ideal.x - c * ideal.y);
-        let towards = -(self.camera.camera_from_world.rotation.inverse() * away);
-        (samples.len() >= 4).then(|| towards.try_normalize(1e-12)).flatten()
+        let towards = -(self.sights.world_from_camera * away);
+        (plane.n >= 4).then(|| towards.try_normalize(1e-12)).flatten()
+    }
+}
+
+/// Sums over points of a row: their number, columns and squares of these, and what they lie at.
+#[derive(Default)]
+struct Line {
+    n: i32,
+    x: i32,
+    xx: i32,
+    off: f64,
+    off_x: f64,
+}
+
+impl Line {
+    #[inline]
+    fn add(&mut self, x: i32, off: f64) {
+        self.n += 1;
+        self.x += x;
+        self.xx += x * x;
+        self.off += off;
+        self.off_x += off * f64::from(x);
+    }
+}
+
+/// Sums of a plane through points: their number, offsets, products of these, and what they lie at.
+#[derive(Default)]
+struct Plane {
+    n: i32,
+    sum: [i32; 2],
+    products: [i32; 3],
+    side: [f64; 3],
+}
+
+impl Plane {
+    #[inline]
+    fn add(&mut self, y: i32, line: &Line) {
+        self.n += line.n;
+        self.sum = [self.sum[0] + line.x, self.sum[1] + y * line.n];
+        self.products = [self.products[0] + line.xx, self.products[1] + y * line.x, self.products[2] + y * y * line.n];
+        self.side = [self.side[0] + line.off, self.side[1] + line.off_x, self.side[2] + f64::from(y) * line.off];
+    }
+
+    /// Where it lies in the middle, and its slopes.
+    fn fit(&self) -> Option<Vector3<f64>> {
+        let ([x, y], [xx, xy, yy]) = (self.sum.map(f64::from), self.products.map(f64::from));
+        let normal = Matrix3::new(f64::from(self.n), x, y, x, xx, xy, y, xy, yy);
+        Some(normal.try_inverse()? * Vector3::from(self.side))
     }
 }
 

@@ -70,6 +70,30 @@ fn a_wall_and_a_box_come_back_with_normals_and_errors_as_large_as_stated() {
 }
 
 #[test]
+fn a_cloud_is_the_same_for_any_number_of_threads_and_at_any_place_of_the_camera() {
+    let map = map(0.05);
+    let made = |threads: usize, before: Option<Camera>| {
+        let settings = TriangulatorSettings { threads, min_confidence: 0.9, ..TriangulatorSettings::default() };
+        let mut node = Triangulator::new(settings, &setup()).unwrap();
+        // A cloud from elsewhere, before: what is kept of the camera holds for its lens alone.
+        let here = node.camera.clone();
+        node.camera = before.unwrap_or(here.clone());
+        node.cloud(&map, Time::ZERO, None, None);
+        node.camera = here;
+        let cloud = node.cloud(&map, Time::ZERO, None, None);
+        (cloud, [node.unmet, node.misfits, node.vague, node.alone, node.points], node.sigmas)
+    };
+    let (cloud, counts, sigmas) = made(1, None);
+    assert!(cloud.len() > 100_000 && counts[3] > 0, "{} {counts:?}", cloud.len());
+    for threads in [2, 3, 7, 64] {
+        assert!(made(threads, None) == (cloud.clone(), counts, sigmas), "{threads} threads");
+    }
+    let (camera, _) = rig();
+    let moved = Isometry3::translation(0.1, 0.0, 0.02) * camera.camera_from_world;
+    assert!(made(2, Some(Camera { camera_from_world: moved, ..camera })).0 == cloud);
+}
+
+#[test]
 fn points_alone_and_maps_of_other_sizes_are_left_out() {
     let mut node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
     let whole = map(0.02);
