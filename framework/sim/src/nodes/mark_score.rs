@@ -30,6 +30,7 @@ ports! {
 
 figures! {
     "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there";
+    "group_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of distances from their means within four marks, one and the three nearest to it, whose true distances change least: the six pairs below the eye of [Davis 2002 §5.5]";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
     "marks_extra([compared])": count, low, "Labels that are no true mark at all";

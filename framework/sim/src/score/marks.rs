@@ -23,6 +23,59 @@ const N_PAIRS: usize = 60;
 /// Share of the frames that both marks of a pair must be measured in.
 const PAIR_SHARE: f64 = 0.2;
 
+/// Marks of a group, one of them and those nearest to it, that should keep their distances: as many as lie below the eye in [Davis 2002 Fig. 64].
+const GROUP: usize = 4;
+
+/// Two labels over all moments in which both are measured.
+struct Pair {
+    labels: [u32; 2],
+    /// True distance, mean [m].
+    mean: f64,
+    /// What the true distance is off that, median [m].
+    changes: f64,
+    /// Recovered and true distances [m].
+    found: Vec<f64>,
+    truth: Vec<f64>,
+}
+
+impl Pair {
+    /// What the recovered distance is off the truth [m].
+    fn errors(&self) -> impl Iterator<Item = f64> + '_ {
+        self.found.iter().zip(&self.truth).map(|(a, b)| (a - b).abs())
+    }
+
+    /// What it is off its own mean [m].
+    fn deviations(&self) -> impl Iterator<Item = f64> + '_ {
+        let mean = self.found.iter().sum::<f64>() / self.found.len() as f64;
+        self.found.iter().map(move |it| (it - mean).abs())
+    }
+}
+
+/// All pairs of the group whose true distances change least, of a mark and the three nearest to it; empty where no four are often measured together.
+fn stiffest_group(pairs: &[Pair]) -> Vec<&Pair> {
+    let mut near: BTreeMap<u32, Vec<(f64, u32)>> = BTreeMap::new();
+    let mut between: BTreeMap<[u32; 2], &Pair> = BTreeMap::new();
+    for pair in pairs {
+        let [a, b] = pair.labels;
+        near.entry(a).or_default().push((pair.mean, b));
+        near.entry(b).or_default().push((pair.mean, a));
+        between.insert([a.min(b), a.max(b)], pair);
+    }
+    let groups = near.into_iter().filter_map(|(middle, mut others)| {
+        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut members: Vec<u32> = others.iter().take(GROUP - 1).map(|it| it.1).chain([middle]).collect();
+        members.sort_unstable();
+        let all: Vec<[u32; 2]> = (0..members.len())
+            .flat_map(|b| (0..b).map(move |a| (a, b)))
+            .map(|(a, b)| [members[a], members[b]])
+            .collect();
+        let known: Vec<&Pair> = all.iter().filter_map(|it| between.get(it).copied()).collect();
+        (members.len() == GROUP && known.len() == all.len()).then_some(known)
+    });
+    let changes = |group: &Vec<&Pair>| group.iter().map(|it| it.changes).sum::<f64>();
+    groups.min_by(|a, b| changes(a).total_cmp(&changes(b))).unwrap_or_default()
+}
+
 /// One mark as it was recovered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sample {
@@ -131,29 +184,22 @@ impl MarkTrack {
         labels.iter().filter(|it| !names.contains_key(it)).count()
     }
 
-    /// Deviation of the distance of each pair that should keep it from its mean over the session, and of all pairs from their true distance [m].
-    fn distances(&self, names: &Names) -> (Vec<f64>, Vec<f64>) {
+    /// Pairs of labels that are often measured together, of two marks.
+    fn often(&self, names: &Names) -> Vec<Pair> {
         let labels: Vec<u32> = names.keys().copied().collect();
         let mut pairs = Vec::new();
         for (place, a) in labels.iter().enumerate() {
-            for b in &labels[..place] {
+            for b in labels[..place].iter().filter(|it| names[a] != names[it]) {
                 let (found, truth) = self.pair(names, [*a, *b]);
-                let mean = truth.iter().sum::<f64>() / truth.len().max(1) as f64;
-                let often = found.len() as f64 > PAIR_SHARE * self.moments.len() as f64;
-                if often && PAIRS.contains(&mean) && names[a] != names[b] {
-                    let stiff = median(&truth.iter().map(|it| (it - mean).abs()).collect::<Vec<_>>()).unwrap_or(0.0);
-                    pairs.push((stiff, found, truth));
+                if found.len() as f64 > PAIR_SHARE * self.moments.len() as f64 {
+                    let mean = truth.iter().sum::<f64>() / truth.len() as f64;
+                    let changes = median(&truth.iter().map(|it| (it - mean).abs()).collect::<Vec<_>>()).unwrap_or(0.0);
+                    pairs.push(Pair { labels: [*a, *b], mean, changes, found, truth });
                 }
             }
         }
-        let errors = pairs.iter().flat_map(|(_, found, truth)| found.iter().zip(truth).map(|(a, b)| (a - b).abs()));
-        let errors = errors.collect();
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let kept = pairs.iter().take(N_PAIRS).flat_map(|(_, found, _)| {
-            let mean = found.iter().sum::<f64>() / found.len() as f64;
-            found.iter().map(move |it| (it - mean).abs())
-        });
-        (kept.collect(), errors)
+        pairs.sort_by(|a, b| a.changes.total_cmp(&b.changes));
+        pairs
     }
 
     /// Recovered and true distance of two labels in each moment in which both are measured [m].
@@ -172,7 +218,11 @@ impl MarkTrack {
 
     /// Figures of distances between marks, under names that end in `suffix`.
     pub fn report_distances(&self, names: &Names, suffix: &str, report: &mut Report) {
-        let (kept, errors) = self.distances(names);
+        let pairs = self.often(names);
+        let apart = || pairs.iter().filter(|it| PAIRS.contains(&it.mean));
+        let errors: Vec<f64> = apart().flat_map(Pair::errors).collect();
+        let kept: Vec<f64> = apart().take(N_PAIRS).flat_map(Pair::deviations).collect();
+        let group: Vec<f64> = stiffest_group(&pairs).into_iter().flat_map(Pair::deviations).collect();
         let mut figures = |name: &str, values: &[f64]| {
             for (which, percent) in [("median", 50.0), ("p95", 95.0), ("max", 100.0)] {
                 let value = percentile(values, percent).map_or(f64::NAN, |it| it * 1e3);
@@ -181,6 +231,7 @@ impl MarkTrack {
         };
         figures("pair_distance_mm", &kept);
         figures("pair_error_mm", &errors);
+        figures("group_distance_mm", &group);
         let mut wrong = 0;
         let mut seen = 0;
         for moment in &self.moments {
@@ -437,6 +488,29 @@ mod tests {
         let found = figures(|report| track.report_distances(&names, "", report));
         assert_eq!((found["mark_identity_errors"], found["marks_extra"]), (2.0, 1.0));
         assert!(found["pair_distance_mm.median"] < 0.01 && found["pair_distance_mm.max"] > 0.4, "{found:?}");
+        assert!(found["group_distance_mm.median"] < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn of_all_groups_of_four_the_one_that_changes_least_is_judged() {
+        // Two clusters of four; the one that is 20 cm off changes by 2 mm, and its marks are recovered well; a mark of the other is off by 0.5 mm, up and down.
+        let corner =
+            |it: u32| Point3::new(0.02 * f64::from(it % 2), 0.02 * f64::from(it / 2 % 2), 0.2 * f64::from(it / 4));
+        let mut track = MarkTrack::default();
+        for frame in 0..40 {
+            let side = if frame % 2 == 0 { 1.0 } else { -1.0 };
+            let truth: Vec<_> =
+                (0..8).map(|it| corner(it) + Vector3::x() * if it == 5 { 1e-3 * side } else { 0.0 }).collect();
+            let off = |it: u32| Vector3::x() * if it == 1 { 0.5e-3 * side } else { 0.0 };
+            let places: Vec<_> =
+                (0..).zip(&truth).map(|(it, place)| (it, place + off(it), Provenance::Measured)).collect();
+            track.add(&marks(&places), truth);
+        }
+        let names = track.names();
+        let found = figures(|report| track.report_distances(&names, "", report));
+        // Three of six distances have that mark.
+        assert!((found["group_distance_mm.max"] - 0.5).abs() < 0.02, "{found:?}");
+        assert!(found["group_distance_mm.p95"] > 0.3, "{found:?}");
     }
 
     #[test]
