@@ -109,6 +109,7 @@ pub struct Decoder {
     decoded: Decoded,
     /// Part of the pixels whose phase steps are on no wave [–].
     off_wave: f64,
+    exchanged: [Option<[u32; 2]>; 2],
     /// By axis how phase steps stand.
     steps: [Steps; 2],
     sets: u64,
@@ -166,6 +167,7 @@ impl Node for Decoder {
             code,
             decoded: Decoded::default(),
             off_wave: 0.0,
+            exchanged: [None; 2],
             steps: Default::default(),
             sets: 0,
             refused: 0,
@@ -321,10 +323,15 @@ impl Decoder {
         }
         let all_shown = code.pictures();
         let Prepared { code, pictures, worked_out } = found.prepared(&code, &views);
-        if !worked_out.is_empty() {
-            let list: Vec<String> = worked_out.iter().map(Shown::to_string).collect();
-            faults
-                .push(format!("worked out from the other picture of its bit, white and black: {}", list.join(" and ")));
+        let (steps, bits): (Vec<&Shown>, Vec<&Shown>) =
+            worked_out.iter().partition(|it| matches!(it, Shown::Phase { .. }));
+        for (list, others) in
+            [(bits, "the other picture of its bit, white and black"), (steps, "the other steps of its wave")]
+        {
+            let list: Vec<String> = list.iter().map(ToString::to_string).collect();
+            if !list.is_empty() {
+                faults.push(format!("worked out from {others}: {}", list.join(" and ")));
+            }
         }
         let views: Vec<ImageView<'_>> = pictures
             .iter()
@@ -397,6 +404,8 @@ impl Decoder {
             map.push(ProjectorSample { coordinate, sigma });
         }
         let n_told = faults.len();
+        let exchanged = |axis: Axis| Some(exchanged_in_words(axis, self.exchanged[axis.index()]?));
+        faults.extend(Axis::BOTH.into_iter().filter_map(exchanged));
         faults.extend(Axis::BOTH.into_iter().filter_map(|axis| steps_in_words(axis, self.steps[axis.index()])));
         let least = self.settings.min_contrast;
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
@@ -498,7 +507,7 @@ impl Decoder {
         }
         let found = phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() });
         let found = found.map_err(|fault| fault.to_string())?;
-        (self.off_wave, self.steps) = (found.off_wave, found.steps);
+        (self.off_wave, self.steps, self.exchanged) = (found.off_wave, found.steps, found.exchanged);
         Ok(found.coordinates)
     }
 }
@@ -539,6 +548,14 @@ fn out_of_focus_in_words(sigma: f64) -> Option<String> {
              of surfaces and of shadows are left out"
         )
     })
+}
+
+/// What is said of two phase steps that are exchanged.
+fn exchanged_in_words(axis: Axis, [a, b]: [u32; 2]) -> String {
+    format!(
+        "phase steps {a} and {b} of the {} are exchanged (counted from 0): they are taken in their order",
+        axis.in_words()
+    )
 }
 
 /// What is said of phase steps that do not stand as stated.

@@ -17,6 +17,7 @@ use super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
 use super::exposure;
 use super::faults::SetFault;
+use super::lacking_steps::{self, LEAST_STEPS};
 use super::stretches;
 use crate::ImageView;
 
@@ -73,6 +74,9 @@ impl Examination {
             .map(|step| Shown::Phase { axis, step })
             .filter(|it| code.place(*it).is_some() && !is_there(*it))
             .collect();
+        if list.len() + LEAST_STEPS <= code.steps as usize {
+            list.clear();
+        }
         for plane in 0..code.bits[axis.index()] {
             let [bit, inverse] = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
             let there = [bit, inverse].map(is_there);
@@ -129,7 +133,17 @@ impl Examination {
             worked_out.push(what);
             let other = match what {
                 Shown::Bit { axis, plane, inverse } => taken(Shown::Bit { axis, plane, inverse: !inverse }),
-                Shown::White | Shown::Black | Shown::Phase { .. } | Shown::Boundary { .. } => None,
+                Shown::White | Shown::Black | Shown::Boundary { .. } => None,
+                Shown::Phase { axis, step } => {
+                    let steps: Vec<(usize, Cow<'a, [u8]>)> = (0..code.steps)
+                        .filter_map(|step| Some((step as usize, taken(Shown::Phase { axis, step })?)))
+                        .collect();
+                    let (there, pixels): (Vec<usize>, Vec<&[u8]>) = steps.iter().map(|it| (it.0, &*it.1)).unzip();
+                    if let Some(it) = lacking_steps::worked_out(&pixels, &there, step as usize, code.steps as usize) {
+                        return Cow::Owned(it);
+                    }
+                    None
+                }
             };
             match (taken(Shown::White), taken(Shown::Black), other) {
                 (Some(white), Some(black), Some(other)) => {

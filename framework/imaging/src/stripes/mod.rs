@@ -31,6 +31,7 @@ pub mod faults;
 pub mod finest;
 pub mod gray;
 mod identify;
+mod lacking_steps;
 pub mod noise;
 pub mod pattern;
 pub mod phase;

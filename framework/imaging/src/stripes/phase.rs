@@ -37,7 +37,7 @@ impl Default for PhaseOptions {
 }
 
 /// A gray level that is saturated.
-const SATURATED: u8 = 254;
+pub(super) const SATURATED: u8 = 254;
 /// How far phase and stripe may be apart, of the most that they can be before a period would be wrong [–].
 const AGREED: f64 = 0.9;
 /// Pixels that tell what the wave is like, at least, and at most.
@@ -56,6 +56,9 @@ const NO_JUMP: f64 = 1.0;
 /// Ends of stripes that are looked at, at most, and at least where something else than what is stated shall be believed.
 const ENDS: usize = 20_000;
 const LEAST_ENDS: usize = 200;
+/// Steps in their order leave less beside the wave than this part of what they have at all, and two that are exchanged leave this part of what is left as they stand [–].
+const LEAST_BESIDE: f64 = 0.01;
+const MUCH_LESS: f64 = 0.5;
 /// J₁ rises until here [rad].
 const TOP_OF_J1: f64 = 1.8;
 /// Times the place of a pixel is put right by the wave's own error there.
@@ -91,6 +94,8 @@ pub struct Phases {
     pub coordinates: Coordinates,
     /// By axis.
     pub steps: [Steps; 2],
+    /// By axis: two steps that are exchanged, and were taken the other way about.
+    pub exchanged: [Option<[u32; 2]>; 2],
     /// Part of the pixels whose steps are as strong as they should be but not on one wave [–].
     pub off_wave: f64,
 }
@@ -110,7 +115,7 @@ pub fn coordinates(
     ImagingError::unless(code.steps > 0, "steps", "3 to 32", 0.0)?;
     let n = decoded.size[0] * decoded.size[1];
     let mut found = Coordinates { size: decoded.size, ..Coordinates::default() };
-    let mut ways = [Steps::AsStated; 2];
+    let (mut ways, mut exchanged) = ([Steps::AsStated; 2], [None; 2]);
     let (mut strong, mut off) = (0_usize, 0_usize);
     for axis in Axis::BOTH {
         let stripes = &decoded.stripes[axis.index()];
@@ -119,8 +124,9 @@ pub fn coordinates(
         }
         let place = |step: u32| code.place(Shown::Phase { axis, step }).map(|it| pictures[it].pixels());
         let steps: Vec<&[u8]> = (0..code.steps).filter_map(place).collect();
-        let wave = Wave::new(code, axis, options).seen(&steps, stripes, decoded.size[0]);
-        ways[axis.index()] = wave.steps;
+        let seen = |steps: &[&[u8]]| Wave::new(code, axis, options).seen(steps, stripes, decoded.size[0]);
+        let (wave, steps, pair) = in_order(steps, stripes, seen);
+        (ways[axis.index()], exchanged[axis.index()]) = (wave.steps, pair);
         let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
         for (at, stripe) in stripes.iter().enumerate().filter(|it| *it.1 != NONE) {
             let Some(sine) = wave.sine(&steps, at) else { continue };
@@ -144,7 +150,85 @@ pub fn coordinates(
         defocus.settle(&mut values, &mut sigmas, &decoded.contrast, decoded.size, true);
         (found.values[axis.index()], found.sigmas[axis.index()]) = (values, sigmas);
     }
-    Ok(Phases { coordinates: found, steps: ways, off_wave: off as f64 / strong.max(1) as f64 })
+    Ok(Phases { coordinates: found, steps: ways, exchanged, off_wave: off as f64 / strong.max(1) as f64 })
+}
+
+/// Steps in the order in which they are a wave, what they have of it then, and which two were exchanged.
+fn in_order<'a, 's>(
+    steps: Vec<&'s [u8]>,
+    stripes: &[u16],
+    seen: impl Fn(&[&'s [u8]]) -> Wave<'a>,
+) -> (Wave<'a>, Vec<&'s [u8]>, Option<[u32; 2]>) {
+    let mut found: Option<(Wave<'a>, Vec<&[u8]>, [usize; 2])> = None;
+    for pair in exchanged(&steps, stripes) {
+        let mut other = steps.clone();
+        other.swap(pair[0], pair[1]);
+        let wave = seen(&other);
+        // Of four steps two ways make a wave: the one that is as stated is meant.
+        if wave.steps == Steps::AsStated || wave.steps != Steps::NoWay && found.is_none() {
+            let is_stated = wave.steps == Steps::AsStated;
+            found = Some((wave, other, pair));
+            if is_stated {
+                break;
+            }
+        }
+    }
+    match found {
+        Some((wave, steps, pair)) => (wave, steps, Some(pair.map(|it| it as u32))),
+        None => (seen(&steps), steps, None),
+    }
+}
+
+/// Pairs of steps that leave much less beside the wave when they are exchanged, the best first.
+fn exchanged(steps: &[&[u8]], stripes: &[u16]) -> Vec<[usize; 2]> {
+    let n = steps.len();
+    let known: Vec<usize> = (0..stripes.len()).filter(|it| stripes[*it] != NONE).collect();
+    let some = known.iter().step_by(known.len().div_ceil(MOST).max(1));
+    // What steps have in common over all pixels, each pixel's mean taken off.
+    let mut common = vec![0.0; n * n];
+    let mut off = vec![0.0; n];
+    let mut n_seen = 0;
+    for at in some.filter(|at| steps.iter().all(|it| it[**at] < SATURATED)) {
+        let mean = steps.iter().map(|it| f64::from(it[*at])).sum::<f64>() / n as f64;
+        off.iter_mut().zip(steps).for_each(|(off, step)| *off = f64::from(step[*at]) - mean);
+        for (row, a) in off.iter().enumerate() {
+            for (column, b) in off.iter().enumerate() {
+                common[row * n + column] += a * b;
+            }
+        }
+        n_seen += 1;
+    }
+    if n < 4 || n_seen < LEAST {
+        return Vec::new();
+    }
+    let energy: f64 = (0..n).map(|it| common[it * n + it]).sum();
+    let beside = |place: &dyn Fn(usize) -> usize| {
+        let turn = |step: usize| std::f64::consts::TAU * place(step) as f64 / n as f64;
+        let on: f64 = (0..n * n).map(|at| common[at] * (turn(at / n) - turn(at % n)).cos()).sum();
+        energy - 2.0 / n as f64 * on
+    };
+    let stated = beside(&|step| step);
+    if stated < LEAST_BESIDE * energy {
+        return Vec::new();
+    }
+    let pairs = (0..n).flat_map(|b| (0..b).map(move |a| [a, b]));
+    let mut found: Vec<(f64, [usize; 2])> = pairs
+        .map(|[a, b]| {
+            let place = |step: usize| {
+                if step == a {
+                    b
+                } else if step == b {
+                    a
+                } else {
+                    step
+                }
+            };
+            (beside(&place), [a, b])
+        })
+        .filter(|it| it.0 < MUCH_LESS * stated)
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().map(|it| it.1).collect()
 }
 
 /// Pixels that may see two surfaces, or the end of the light.
@@ -468,9 +552,46 @@ mod tests {
             let [share, rms, worst] = judge(&wall(3), &code, reorder(order));
             assert!(share > 0.9 && rms < 0.16 && worst < 0.5, "{order:?}: {share} {rms} {worst}");
         }
-        // In no order that a wave has.
-        let [share, ..] = judge(&wall(3), &code, reorder([0, 2, 1, 3]));
-        assert!(share < 0.1, "{share}");
+    }
+
+    #[test]
+    fn two_steps_that_are_exchanged_are_told_and_put_in_their_order() {
+        for (steps, power) in [(4, 1.0), (5, 1.0), (8, 1.0), (8, 2.2), (12, 1.0)] {
+            let code = StripeCode::phase([160, 120], steps, 16);
+            let place = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
+            let pictures = Scene { power, ..wall(4) }.pictures(&code);
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+            let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+            let spoiled = |pairs: &[[u32; 2]]| {
+                let mut views = views.clone();
+                pairs.iter().for_each(|it| views.swap(place(it[0]), place(it[1])));
+                coordinates(&code, &views, &decoded, &PhaseOptions::default()).unwrap()
+            };
+            let whole = spoiled(&[]);
+            assert_eq!(whole.exchanged, [None; 2]);
+            for pair in (0..steps).flat_map(|b| (0..b).map(move |a| [a, b])) {
+                // Opposite ones of four run the other way: that is told, and allowed for.
+                if steps == 4 && pair[1] - pair[0] == 2 {
+                    continue;
+                }
+                let found = spoiled(&[pair]);
+                let about = format!("{steps} steps, power {power}, {pair:?}");
+                assert_eq!((found.exchanged, found.steps), ([Some(pair), None], whole.steps), "{about}");
+                assert!(
+                    found.coordinates.values[0]
+                        .iter()
+                        .zip(&whole.coordinates.values[0])
+                        .all(|(a, b)| a.to_bits() == b.to_bits()),
+                    "{about}"
+                );
+            }
+            // Two pairs at once are not one.
+            if steps == 8 {
+                let found = spoiled(&[[0, 3], [2, 5]]);
+                let n = found.coordinates.values[0].iter().filter(|it| it.is_finite()).count();
+                assert!(found.exchanged == [None; 2] && n < 4000, "{:?} {n}", found.exchanged);
+            }
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::super::explain::{Explained, permutations};
 use super::super::faults::SetFault;
 use super::super::identify::{Samples, bit_of};
+use super::super::lacking_steps;
 use super::BROKEN;
 use super::rules::Set;
 use crate::ImageView;
@@ -135,6 +136,9 @@ impl<'a> Layouts<'a> {
             Shown::Phase { axis, .. } => Some(axis),
             Shown::Bit { .. } | Shown::White | Shown::Black | Shown::Boundary { .. } => None,
         };
+        if let Some(explained) = holding.iter().flatten().find_map(of_step).and_then(|it| self.gap(it, &roles)) {
+            return Some(explained);
+        }
         if let Some(axis) = of_step(&first[0])
             && holding.iter().flatten().all(|it| of_step(it) == Some(axis))
         {
@@ -161,6 +165,29 @@ impl<'a> Layouts<'a> {
         let fault = SetFault::MissingBits { axis, planes: lost.iter().map(|it| it.1).collect(), pictures: all - n };
         let is_one_axis = lost.iter().all(|it| it.0 == axis);
         is_one_axis.then(|| Explained { faults: vec![fault], places, unsure: lost })
+    }
+
+    /// Which one phase step of an axis lacks, as the wave of the others tells it.
+    fn gap(&self, axis: Axis, roles: &[Shown]) -> Option<Explained> {
+        let n = self.set.code.steps as usize;
+        let first = roles.iter().position(|it| matches!(it, Shown::Phase { axis: of, .. } if *of == axis))?;
+        let is_run = (0..n).all(|it| roles.get(first + it) == Some(&Shown::Phase { axis, step: it as u32 }));
+        if !is_run || self.set.pictures.len() + 1 != roles.len() {
+            return None;
+        }
+        let steps: Vec<&[u8]> = self.set.pictures[first..first + n - 1].iter().map(|it| it.pixels()).collect();
+        let next = self.set.pictures.get(first + n - 1).map(|it| it.pixels());
+        let pixels: Vec<usize> = self.set.lit.iter().map(|it| it.0).collect();
+        let lacking = first + lacking_steps::gap(&steps, next, n, &pixels)?;
+        let places: Places =
+            (0..roles.len()).map(|it| (it != lacking).then_some(it - usize::from(it > lacking))).collect();
+        let is_last = lacking + 1 == first + n;
+        let fault = match is_last {
+            // Or the first one: where the wave begins the stripes tell.
+            true => SetFault::MissingSteps { axis, pictures: 1 },
+            false => SetFault::Missing { shown: roles[lacking], after: places[lacking - 1], or_inverse: false },
+        };
+        Some(Explained { faults: vec![fault], places, unsure: Vec::new() })
     }
 
     /// Two pictures in each other's places, or one too many, where nothing else is wrong.

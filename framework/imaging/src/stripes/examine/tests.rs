@@ -535,6 +535,46 @@ fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize
 }
 
 #[test]
+fn a_phase_step_that_lacks_is_named_and_worked_out_from_the_others() {
+    let code = StripeCode::phase([160, 120], 8, 8);
+    let whole = wall(3).pictures(&code);
+    for (axis, step) in Axis::BOTH.into_iter().flat_map(|axis| (0..8).map(move |step| (axis, step))) {
+        let place = code.place(Shown::Phase { axis, step }).unwrap();
+        let mut pictures = whole.clone();
+        pictures.remove(place);
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let found = examine(&code, &views, &[], 6);
+        let words = found.faults.last().unwrap().describe(&code, &|at| format!("`{at}.png`"));
+        let expected = match step {
+            // A wave may begin with the one or end with the other.
+            0 | 7 => format!("1 of the 8 phase steps of the {} is missing, nothing tells which", axis.in_words()),
+            _ => format!("no picture shows phase step {step} of the {}", axis.in_words()),
+        };
+        assert!(words.starts_with(&expected) && found.usable(&code) == Axis::BOTH, "{axis:?} {step}: {words}");
+        let prepared = found.prepared(&code, &views);
+        assert_eq!(prepared.pictures.len(), whole.len());
+        if step == 0 {
+            continue;
+        }
+        assert_eq!(prepared.worked_out, [Shown::Phase { axis, step }]);
+        let off = |it: (&u8, &u8)| (f64::from(*it.0) - f64::from(*it.1)).powi(2);
+        let n = whole[0].len() as f64;
+        let rms = (prepared.pictures[place].iter().zip(&whole[place]).map(off).sum::<f64>() / n).sqrt();
+        assert!(rms < 6.0, "{axis:?} {step}: {rms}");
+    }
+    // White behind the steps of the rows, or black, is no step.
+    for what in [Shown::White, Shown::Black] {
+        let mut pictures = whole.clone();
+        pictures.remove(code.place(what).unwrap());
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let found = examine(&code, &views, &[], 6);
+        let words: Vec<String> =
+            found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`"))).collect();
+        assert!(!words.iter().any(|it| it.contains("phase step")), "{what}: {words:?}");
+    }
+}
+
+#[test]
 fn phase_steps_that_are_none_are_named() {
     let (said, usable) = of_steps(4, |_, _| ());
     assert!(said.is_empty() && usable == Axis::BOTH, "{said:?}");
