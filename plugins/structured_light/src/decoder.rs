@@ -6,6 +6,7 @@
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
+use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::{PhaseOptions, Steps};
@@ -54,6 +55,8 @@ const OFF_WAVE: f64 = 0.2;
 const NOISY: f64 = 0.6;
 /// A camera that blurs by more than this is told to be out of focus, standard deviation [px].
 const OUT_OF_FOCUS: f64 = 1.2;
+/// And a projector whose light fades at the ends of its picture by more than this [projector px].
+const SOFT: f64 = 1.0;
 
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -350,7 +353,10 @@ impl Decoder {
             ..DecodeOptions::default()
         };
         let in_parts = TooFine::of(&code, &views, self.settings.min_contrast);
-        let (coordinates, filled) = self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
+        let (mut coordinates, filled) =
+            self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
+        let soft = leave_out_soft_ends(&mut coordinates, &self.decoded.contrast, code.projector);
+        faults.extend(Axis::BOTH.into_iter().filter_map(|axis| soft_in_words(axis, soft[axis.index()])));
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         faults.extend(out_of_focus_in_words(coordinates.blur));
         let white = match code.place(Shown::White) {
@@ -546,6 +552,16 @@ fn out_of_focus_in_words(sigma: f64) -> Option<String> {
         format!(
             "the camera is out of focus: edges of the surface's colours are blurred by a standard deviation of {sigma:.1} px, expected below 1: places near such edges are put right as far as they can be, and rims \
              of surfaces and of shadows are left out"
+        )
+    })
+}
+
+/// What is said of a projector whose light fades at the ends of its picture by `sigma` px.
+fn soft_in_words(axis: Axis, sigma: f64) -> Option<String> {
+    (sigma > SOFT).then(|| {
+        format!(
+            "the projector is out of focus: its light fades at the first or the last of the {} by a standard deviation of {sigma:.1} of its pixels, expected below {SOFT}: places near there are drawn inwards, and are left out",
+            axis.in_words()
         )
     })
 }

@@ -3,15 +3,16 @@
 //! A plane is linear in pixels when written as inverse depth, 1/z = a + b x + c y: that is how a point's neighbours say its normal, and which of them lie on the
 //! same surface. A point of which too few do is left out.
 
+mod around;
+mod sights;
+
 use std::collections::VecDeque;
 use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
-use foveate::geometry::{Camera, Ray};
+use foveate::geometry::Camera;
 use foveate::prelude::*;
-use nalgebra::{
-    Isometry3, Matrix3, Point2, Point3, SMatrix, Translation3, Unit, UnitQuaternion, Vector2, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +20,8 @@ use crate::orientation::{likely_change, other_axis};
 use crate::pair::{OnRay, triangulate, triangulate_ray};
 use crate::pattern::projector_of;
 use crate::unfit::{misfit, too_vague};
+use around::{Around, Grid};
+use sights::{Ideals, Seen, Sights};
 
 ports! {
     MAP: In<ProjectorMap> = each("map");
@@ -426,21 +429,6 @@ fn colour(image: &Image, at: usize) -> [u8; 3] {
     }
 }
 
-/// What is kept of a point until its neighbours are known; NaN where there is none.
-#[derive(Clone, Copy)]
-struct Seen {
-    /// Along the ray [m].
-    depth: f32,
-    /// Of that [m].
-    sigma: f32,
-    /// Over the depth along the camera's axis [1/m].
-    inverse_z: f32,
-}
-
-impl Seen {
-    const NONE: Seen = Seen { depth: f32::NAN, sigma: f32::NAN, inverse_z: f32::NAN };
-}
-
 /// What rows of a map have.
 #[derive(Default)]
 struct Band {
@@ -463,160 +451,6 @@ fn over_rows<T: Send>(height: usize, threads: usize, work: impl Fn(Range<usize>)
         let running: Vec<_> = bands.map(|it| scope.spawn(move || work(it))).collect();
         running.into_iter().map(|it| it.join().unwrap_or_else(|fault| std::panic::resume_unwind(fault))).collect()
     })
-}
-
-/// Pixels of a camera without lens and principal point, row by row, NaN where there is no line of sight; empty before they are asked for, and for cameras of many pixels.
-#[derive(Default)]
-struct Ideals(Vec<Vector2<f64>>);
-
-/// Of cameras with more pixels each line of sight is worked out where it is used.
-const MOST_IDEALS: usize = 3_000_000;
-
-impl Ideals {
-    fn of(self, camera: &Camera) -> Self {
-        let [width, height] = camera.image_size.map(|it| it as usize);
-        if width * height > MOST_IDEALS || !self.0.is_empty() {
-            return self;
-        }
-        let one = |at: usize| camera.normalise(&Point2::new((at % width) as f64, (at / width) as f64));
-        Self((0..width * height).map(|it| one(it).unwrap_or(Vector2::repeat(f64::NAN))).collect())
-    }
-}
-
-/// Lines of sight of a camera as it stands.
-struct Sights<'a> {
-    camera: &'a Camera,
-    ideals: &'a Ideals,
-    width: usize,
-    centre: Point3<f64>,
-    world_from_camera: UnitQuaternion<f64>,
-}
-
-impl<'a> Sights<'a> {
-    fn new(camera: &'a Camera, ideals: &'a Ideals) -> Self {
-        let world_from_camera = camera.camera_from_world.rotation.inverse();
-        Self { camera, ideals, width: camera.image_size[0] as usize, centre: camera.centre(), world_from_camera }
-    }
-
-    #[inline]
-    fn ideal(&self, x: usize, y: usize) -> Option<Vector2<f64>> {
-        match self.ideals.0.get(y * self.width + x) {
-            Some(ideal) => (!ideal.x.is_nan()).then_some(*ideal),
-            None => self.camera.normalise(&Point2::new(x as f64, y as f64)),
-        }
-    }
-
-    #[inline]
-    fn ray(&self, x: usize, y: usize) -> Option<Ray> {
-        let direction = Unit::new_normalize(self.world_from_camera * self.ideal(x, y)?.push(1.0));
-        Some(Ray { origin: self.centre, direction })
-    }
-
-    fn seen(&self, point: &OnRay) -> Seen {
-        let z = (self.camera.camera_from_world * point.point()).z;
-        Seen { depth: point.depth as f32, sigma: point.sigma as f32, inverse_z: z.recip() as f32 }
-    }
-}
-
-/// The points of a camera's pixels.
-struct Grid<'a> {
-    found: &'a [Seen],
-    width: usize,
-    height: usize,
-    sights: &'a Sights<'a>,
-    settings: &'a TriangulatorSettings,
-}
-
-/// What its neighbours say of a point.
-struct Around {
-    /// In the world, towards the camera; zero where they do not tell it.
-    normal: Vector3<f64>,
-    confidence: f64,
-}
-
-impl Grid<'_> {
-    fn around(&self, x: usize, y: usize, point: &Seen) -> Around {
-        let reach = self.settings.reach;
-        let step = self.settings.step as f32 * point.depth;
-        let variance = point.sigma * point.sigma;
-        let mut plane = Plane::default();
-        for row in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
-            let columns = x.saturating_sub(reach)..(x + reach + 1).min(self.width);
-            let others = &self.found[row * self.width..][columns.clone()];
-            let rows_away = row.abs_diff(y);
-            let mut line = Line::default();
-            for (column, other) in columns.zip(others) {
-                let away = rows_away.max(column.abs_diff(x)) as f32;
-                let beyond = (other.depth - point.depth).abs() - step * away;
-                if beyond <= 0.0 || beyond * beyond <= 9.0 * (variance + other.sigma * other.sigma) {
-                    line.add(column as i32 - x as i32, f64::from(other.inverse_z - point.inverse_z));
-                }
-            }
-            plane.add(row as i32 - y as i32, &line);
-        }
-        let confidence = f64::from(plane.n - 1) / ((2 * reach + 1).pow(2) - 1) as f64;
-        let normal = self.normal(x, y, f64::from(point.inverse_z), &plane).unwrap_or_else(Vector3::zeros);
-        Around { normal, confidence }
-    }
-
-    /// From offsets in pixels and in inverse depth.
-    fn normal(&self, x: usize, y: usize, inverse: f64, plane: &Plane) -> Option<Vector3<f64>> {
-        let fit = plane.fit()?;
-        let ideal = self.sights.ideal(x, y)?;
-        let [fx, fy] = self.sights.camera.intrinsics.focal;
-        // n·(x, y, 1) / d = 1/z on the plane n·p = d; n points away from the camera.
-        let (a, b, c) = (inverse + fit[0], fit[1] * fx, fit[2] * fy);
-        let away = Vector3::new(b, c, a - b * ideal.x - c * ideal.y);
-        let towards = -(self.sights.world_from_camera * away);
-        (plane.n >= 4).then(|| towards.try_normalize(1e-12)).flatten()
-    }
-}
-
-/// Sums over points of a row: their number, columns and squares of these, and what they lie at.
-#[derive(Default)]
-struct Line {
-    n: i32,
-    x: i32,
-    xx: i32,
-    off: f64,
-    off_x: f64,
-}
-
-impl Line {
-    #[inline]
-    fn add(&mut self, x: i32, off: f64) {
-        self.n += 1;
-        self.x += x;
-        self.xx += x * x;
-        self.off += off;
-        self.off_x += off * f64::from(x);
-    }
-}
-
-/// Sums of a plane through points: their number, offsets, products of these, and what they lie at.
-#[derive(Default)]
-struct Plane {
-    n: i32,
-    sum: [i32; 2],
-    products: [i32; 3],
-    side: [f64; 3],
-}
-
-impl Plane {
-    #[inline]
-    fn add(&mut self, y: i32, line: &Line) {
-        self.n += line.n;
-        self.sum = [self.sum[0] + line.x, self.sum[1] + y * line.n];
-        self.products = [self.products[0] + line.xx, self.products[1] + y * line.x, self.products[2] + y * y * line.n];
-        self.side = [self.side[0] + line.off, self.side[1] + line.off_x, self.side[2] + f64::from(y) * line.off];
-    }
-
-    /// Where it lies in the middle, and its slopes.
-    fn fit(&self) -> Option<Vector3<f64>> {
-        let ([x, y], [xx, xy, yy]) = (self.sum.map(f64::from), self.products.map(f64::from));
-        let normal = Matrix3::new(f64::from(self.n), x, y, x, xx, xy, y, xy, yy);
-        Some(normal.try_inverse()? * Vector3::from(self.side))
-    }
 }
 
 #[cfg(test)]

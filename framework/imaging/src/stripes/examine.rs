@@ -17,8 +17,8 @@ use super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
 use super::exposure;
 use super::faults::SetFault;
-use super::lacking_steps::{self, LEAST_STEPS};
 use super::stretches;
+use super::wave_steps::{self, LEAST_STEPS};
 use crate::ImageView;
 
 /// What was found about a set.
@@ -139,7 +139,7 @@ impl Examination {
                         .filter_map(|step| Some((step as usize, taken(Shown::Phase { axis, step })?)))
                         .collect();
                     let (there, pixels): (Vec<usize>, Vec<&[u8]>) = steps.iter().map(|it| (it.0, &*it.1)).unzip();
-                    if let Some(it) = lacking_steps::worked_out(&pixels, &there, step as usize, code.steps as usize) {
+                    if let Some(it) = wave_steps::worked_out(&pixels, &there, step as usize, code.steps as usize) {
                         return Cow::Owned(it);
                     }
                     None

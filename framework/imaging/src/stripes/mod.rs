@@ -24,6 +24,7 @@ pub mod boundary;
 pub mod code;
 pub mod defocus;
 pub mod edges;
+pub mod ends;
 pub mod examine;
 mod explain;
 mod exposure;
@@ -31,7 +32,6 @@ pub mod faults;
 pub mod finest;
 pub mod gray;
 mod identify;
-mod lacking_steps;
 pub mod noise;
 pub mod pattern;
 pub mod phase;
@@ -39,6 +39,7 @@ pub mod response;
 #[cfg(test)]
 mod scene;
 mod stretches;
+mod wave_steps;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
 pub use defocus::Defocus;

@@ -17,6 +17,7 @@
 use super::code::{Axis, Shown, StripeCode};
 use super::edges::{Coordinates, defocus};
 use super::gray::{Decoded, NONE, same_size};
+use super::wave_steps::exchanged;
 use crate::{ImageView, ImagingError};
 
 /// What makes a phase.
@@ -41,8 +42,8 @@ pub(super) const SATURATED: u8 = 254;
 /// How far phase and stripe may be apart, of the most that they can be before a period would be wrong [–].
 const AGREED: f64 = 0.9;
 /// Pixels that tell what the wave is like, at least, and at most.
-const LEAST: usize = 500;
-const MOST: usize = 200_000;
+pub(super) const LEAST: usize = 500;
+pub(super) const MOST: usize = 200_000;
 /// The mean of cos(n φ) says something where it is above this …
 const UNEVEN: f64 = 0.01;
 /// … and so many times above that of other multiples of φ, which no curve moves: where few periods are seen, phases are not evenly spread.
@@ -56,9 +57,6 @@ const NO_JUMP: f64 = 1.0;
 /// Ends of stripes that are looked at, at most, and at least where something else than what is stated shall be believed.
 const ENDS: usize = 20_000;
 const LEAST_ENDS: usize = 200;
-/// Steps in their order leave less beside the wave than this part of what they have at all, and two that are exchanged leave this part of what is left as they stand [–].
-const LEAST_BESIDE: f64 = 0.01;
-const MUCH_LESS: f64 = 0.5;
 /// J₁ rises until here [rad].
 const TOP_OF_J1: f64 = 1.8;
 /// Times the place of a pixel is put right by the wave's own error there.
@@ -177,58 +175,6 @@ fn in_order<'a, 's>(
         Some((wave, steps, pair)) => (wave, steps, Some(pair.map(|it| it as u32))),
         None => (seen(&steps), steps, None),
     }
-}
-
-/// Pairs of steps that leave much less beside the wave when they are exchanged, the best first.
-fn exchanged(steps: &[&[u8]], stripes: &[u16]) -> Vec<[usize; 2]> {
-    let n = steps.len();
-    let known: Vec<usize> = (0..stripes.len()).filter(|it| stripes[*it] != NONE).collect();
-    let some = known.iter().step_by(known.len().div_ceil(MOST).max(1));
-    // What steps have in common over all pixels, each pixel's mean taken off.
-    let mut common = vec![0.0; n * n];
-    let mut off = vec![0.0; n];
-    let mut n_seen = 0;
-    for at in some.filter(|at| steps.iter().all(|it| it[**at] < SATURATED)) {
-        let mean = steps.iter().map(|it| f64::from(it[*at])).sum::<f64>() / n as f64;
-        off.iter_mut().zip(steps).for_each(|(off, step)| *off = f64::from(step[*at]) - mean);
-        for (row, a) in off.iter().enumerate() {
-            for (column, b) in off.iter().enumerate() {
-                common[row * n + column] += a * b;
-            }
-        }
-        n_seen += 1;
-    }
-    if n < 4 || n_seen < LEAST {
-        return Vec::new();
-    }
-    let energy: f64 = (0..n).map(|it| common[it * n + it]).sum();
-    let beside = |place: &dyn Fn(usize) -> usize| {
-        let turn = |step: usize| std::f64::consts::TAU * place(step) as f64 / n as f64;
-        let on: f64 = (0..n * n).map(|at| common[at] * (turn(at / n) - turn(at % n)).cos()).sum();
-        energy - 2.0 / n as f64 * on
-    };
-    let stated = beside(&|step| step);
-    if stated < LEAST_BESIDE * energy {
-        return Vec::new();
-    }
-    let pairs = (0..n).flat_map(|b| (0..b).map(move |a| [a, b]));
-    let mut found: Vec<(f64, [usize; 2])> = pairs
-        .map(|[a, b]| {
-            let place = |step: usize| {
-                if step == a {
-                    b
-                } else if step == b {
-                    a
-                } else {
-                    step
-                }
-            };
-            (beside(&place), [a, b])
-        })
-        .filter(|it| it.0 < MUCH_LESS * stated)
-        .collect();
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found.into_iter().map(|it| it.1).collect()
 }
 
 /// Pixels that may see two surfaces, or the end of the light.
@@ -488,147 +434,4 @@ fn inverse_j1(value: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::gray::{DecodeOptions, decode};
-    use super::super::scene::{Scene, wall};
-    use super::*;
-
-    /// Share of the pixels with a coordinate, root mean square error, worst error outside the step.
-    fn judge(scene: &Scene, code: &StripeCode, spoil: impl Fn(&mut Vec<Vec<u8>>)) -> [f64; 3] {
-        let mut pictures = scene.pictures(code);
-        spoil(&mut pictures);
-        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let decoded = decode(code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-        let found = coordinates(code, &views, &decoded, &PhaseOptions::default()).unwrap().coordinates;
-        let errors: Vec<f64> = (0..19_200)
-            .filter(|at| found.values[0][*at].is_finite() && !(84..93).contains(&(at % 160)))
-            .map(|at| {
-                let truth = (scene.projector)((at % 160) as f64, (at / 160) as f64)[0];
-                (f64::from(found.values[0][at]) - truth).abs()
-            })
-            .collect();
-        let n = errors.len() as f64;
-        let rms = (errors.iter().map(|it| it * it).sum::<f64>() / n).sqrt();
-        [n / 19_200.0, rms, errors.iter().copied().fold(0.0, f64::max)]
-    }
-
-    #[test]
-    fn phase_places_each_pixel_by_itself() {
-        for (steps, period) in [(3, 16), (4, 16), (8, 8)] {
-            for seed in 1..=3 {
-                let code = StripeCode::phase([160, 120], steps, period);
-                let [share, rms, worst] = judge(&wall(seed), &code, |_| ());
-                // The scene's projector pixels are even squares: its waves are stairs, which stay within half a pixel.
-                assert!(share > 0.9 && rms < 0.16 && worst < 0.5, "{steps} steps: {share} {rms} {worst}");
-            }
-        }
-    }
-
-    #[test]
-    fn waves_of_a_projector_that_nobody_measured_are_told_by_themselves() {
-        for (steps, period) in [(3, 8), (5, 8)] {
-            for power in [0.5, 2.2] {
-                let code = StripeCode::phase([160, 120], steps, period);
-                let [share, rms, worst] = judge(&Scene { power, ..wall(7) }, &code, |_| ());
-                assert!(share > 0.85 && rms < 0.2, "{steps} steps, power {power}: {share} {rms} {worst}");
-            }
-        }
-    }
-
-    #[test]
-    fn steps_of_other_programs_are_told_by_the_stripes_below_them() {
-        let code = StripeCode::phase([160, 120], 4, 16);
-        let step = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
-        let reorder = |order: [u32; 4]| {
-            move |pictures: &mut Vec<Vec<u8>>| {
-                let all = pictures.clone();
-                for (to, from) in order.into_iter().enumerate() {
-                    pictures[step(to as u32)].clone_from(&all[step(from)]);
-                }
-            }
-        };
-        // Backwards, a quarter of a period later, both, two exchanged.
-        for order in [[0, 3, 2, 1], [1, 2, 3, 0], [3, 2, 1, 0], [2, 1, 0, 3]] {
-            let [share, rms, worst] = judge(&wall(3), &code, reorder(order));
-            assert!(share > 0.9 && rms < 0.16 && worst < 0.5, "{order:?}: {share} {rms} {worst}");
-        }
-    }
-
-    #[test]
-    fn two_steps_that_are_exchanged_are_told_and_put_in_their_order() {
-        for (steps, power) in [(4, 1.0), (5, 1.0), (8, 1.0), (8, 2.2), (12, 1.0)] {
-            let code = StripeCode::phase([160, 120], steps, 16);
-            let place = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
-            let pictures = Scene { power, ..wall(4) }.pictures(&code);
-            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-            let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-            let spoiled = |pairs: &[[u32; 2]]| {
-                let mut views = views.clone();
-                pairs.iter().for_each(|it| views.swap(place(it[0]), place(it[1])));
-                coordinates(&code, &views, &decoded, &PhaseOptions::default()).unwrap()
-            };
-            let whole = spoiled(&[]);
-            assert_eq!(whole.exchanged, [None; 2]);
-            for pair in (0..steps).flat_map(|b| (0..b).map(move |a| [a, b])) {
-                // Opposite ones of four run the other way: that is told, and allowed for.
-                if steps == 4 && pair[1] - pair[0] == 2 {
-                    continue;
-                }
-                let found = spoiled(&[pair]);
-                let about = format!("{steps} steps, power {power}, {pair:?}");
-                assert_eq!((found.exchanged, found.steps), ([Some(pair), None], whole.steps), "{about}");
-                assert!(
-                    found.coordinates.values[0]
-                        .iter()
-                        .zip(&whole.coordinates.values[0])
-                        .all(|(a, b)| a.to_bits() == b.to_bits()),
-                    "{about}"
-                );
-            }
-            // Two pairs at once are not one.
-            if steps == 8 {
-                let found = spoiled(&[[0, 3], [2, 5]]);
-                let n = found.coordinates.values[0].iter().filter(|it| it.is_finite()).count();
-                assert!(found.exchanged == [None; 2] && n < 4000, "{:?} {n}", found.exchanged);
-            }
-        }
-    }
-
-    #[test]
-    fn saturated_steps_and_steps_off_the_wave_are_left_out() {
-        let code = StripeCode::phase([160, 120], 4, 16);
-        let [share, ..] = judge(&Scene { gain: 700.0, ..wall(1) }, &code, |_| ());
-        assert!(share < 0.3, "{share}");
-        let moved = |pictures: &mut Vec<Vec<u8>>| {
-            let step = code.place(Shown::Phase { axis: Axis::Columns, step: 2 }).unwrap();
-            pictures[step].rotate_right(6);
-        };
-        let [share, ..] = judge(&wall(1), &code, moved);
-        assert!(share < 0.35, "{share}");
-    }
-
-    #[test]
-    fn pixels_that_see_two_surfaces_are_left_out() {
-        // Two walls, one behind the other, and the end of the projector's light: pixels on both edges are mixtures.
-        let two = Scene {
-            projector: |x, y| {
-                if x + 0.3 * y > 90.35 { [9.0 + x, 12.0 + 0.9 * y] } else { [11.0 + 1.1 * x, 10.0 + 0.9 * y] }
-            },
-            shadow: |x, _| x > 140.6,
-            ..wall(2)
-        };
-        let code = StripeCode::phase([160, 120], 8, 16);
-        let pictures = two.pictures(&code);
-        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-        let found = coordinates(&code, &views, &decoded, &PhaseOptions::default()).unwrap().coordinates;
-        let (mut known, mut wrong) = (0, 0);
-        for (at, value) in found.values[0].iter().enumerate().filter(|it| it.1.is_finite()) {
-            let off =
-                |dx: f64| (f64::from(*value) - (two.projector)((at % 160) as f64 + dx, (at / 160) as f64)[0]).abs();
-            known += 1;
-            wrong += usize::from(off(0.0).min(off(-1.0)).min(off(1.0)) > 1.0);
-        }
-        assert!(known > 14_000 && wrong == 0, "{wrong} of {known}");
-    }
-}
+mod tests;

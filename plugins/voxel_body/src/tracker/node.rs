@@ -160,6 +160,9 @@ pub struct BodyTrackerNode {
     n_measured: u64,
     n_limbs: u64,
     n_unmodelled: u64,
+    /// Messages with nobody in them and something that is nearly large enough for a body, and the largest such thing [m³].
+    n_small: u64,
+    largest_small: f64,
     unexplained: f64,
     reasons: Vec<(String, u64)>,
     most: f64,
@@ -216,6 +219,8 @@ impl Node for BodyTrackerNode {
             n_measured: 0,
             n_limbs: 0,
             n_unmodelled: 0,
+            n_small: 0,
+            largest_small: 0.0,
             unexplained: 0.0,
             reasons: Vec::new(),
             most: settings.most_l * 1e-3,
@@ -322,12 +327,24 @@ impl Node for BodyTrackerNode {
                 self.n_coarse, self.n_messages
             ));
         }
+        if 2 * self.n_small > self.n_messages {
+            report.remark(format!(
+                "In {} of {} messages there was nobody, and the largest thing held {:.0} l at most, expected `least_l` = {:.0} l or more: for a child state a smaller one, and its `stature_m`.",
+                self.n_small,
+                self.n_messages,
+                1e3 * self.largest_small,
+                1e3 * self.people.options().tracker.acquisition.least_volume
+            ));
+        }
         for (reason, count) in &self.reasons {
             report.remark(format!("No body was made of voxels large enough for one, {count} times: {reason}."));
         }
         Ok(())
     }
 }
+
+/// What is smaller than a body by less than this is told where nobody is found [–].
+const TOLD_SMALL: f64 = 0.3;
 
 /// The middle of the hand on the lower arm: between the wrist at 0.664 of it from the elbow and its end [–].
 const HAND: f64 = 1.0 - 2.0 * 0.83;
@@ -350,6 +367,12 @@ impl BodyTrackerNode {
         let least = self.people.options().tracker.acquisition.least_volume;
         if self.first_voxels.is_none() && voxels.volume() >= least {
             self.first_voxels = Some(time);
+        }
+        let largest =
+            voxels.components.iter().map(|it| f64::from(it.n_voxels) * voxels.size.powi(3)).fold(0.0, f64::max);
+        if list.is_empty() && (TOLD_SMALL * least..least).contains(&largest) {
+            self.n_small += 1;
+            self.largest_small = self.largest_small.max(largest);
         }
         for body in list {
             let measured = body.joints.iter().filter(|it| it.provenance == Provenance::Measured).count();

@@ -243,3 +243,30 @@ fn voxels_that_are_too_many_are_merged_where_half_of_them_are_there() {
     bounded.take(&filled([10, 10, 10], 0.01), 10.0);
     assert_eq!((bounded.merged(), bounded.cubes(&fine).indices.len()), (1, 1000));
 }
+
+#[test]
+fn a_child_that_is_smaller_than_a_body_is_told_and_a_toy_is_not() {
+    let told = |scale: f64| {
+        let mut bench = bench();
+        let small = |([a, b], radius): ([Point3<f64>; 2], f64)| ([a * scale, b * scale], radius * scale);
+        let mut voxels = voxels_of(&person(0.0, 0.3).into_iter().map(small).collect::<Vec<_>>(), 0.0);
+        voxels.components = vec![VoxelComponent {
+            n_voxels: voxels.len() as u32,
+            centroid: Point3::new(0.0, 0.0, scale),
+            min: [0; 3],
+            max: [49; 3],
+            is_cut_off: false,
+            target: None,
+        }];
+        for frame in 0..4 {
+            let time = f64::from(frame) / 30.0;
+            bench.feed(&VOXELS, Time::from_s(time), Voxels { time: Time::from_s(time), ..voxels.clone() }).unwrap();
+        }
+        let report = bench.finish().unwrap();
+        (voxels.volume(), report.remarks.iter().any(|it| it.contains("for a child state a smaller one")))
+    };
+    let (volume, is_told) = told(0.55);
+    assert!((0.006..0.02).contains(&volume) && is_told, "{volume}");
+    let (volume, is_told) = told(0.25);
+    assert!(volume < 0.004 && !is_told, "{volume}");
+}

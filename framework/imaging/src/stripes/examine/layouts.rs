@@ -7,7 +7,7 @@ use super::super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::super::explain::{Explained, permutations};
 use super::super::faults::SetFault;
 use super::super::identify::{Samples, bit_of};
-use super::super::lacking_steps;
+use super::super::wave_steps;
 use super::BROKEN;
 use super::rules::Set;
 use crate::ImageView;
@@ -178,7 +178,7 @@ impl<'a> Layouts<'a> {
         let steps: Vec<&[u8]> = self.set.pictures[first..first + n - 1].iter().map(|it| it.pixels()).collect();
         let next = self.set.pictures.get(first + n - 1).map(|it| it.pixels());
         let pixels: Vec<usize> = self.set.lit.iter().map(|it| it.0).collect();
-        let lacking = first + lacking_steps::gap(&steps, next, n, &pixels)?;
+        let lacking = first + wave_steps::gap(&steps, next, n, &pixels)?;
         let places: Places =
             (0..roles.len()).map(|it| (it != lacking).then_some(it - usize::from(it > lacking))).collect();
         let is_last = lacking + 1 == first + n;

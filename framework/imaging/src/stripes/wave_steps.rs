@@ -1,11 +1,19 @@
-//! Phase steps that lack: three of them make a wave, and where four and more are there the others follow from these, pixel by pixel, by least squares.
+//! Phase steps that lack, and two that are exchanged: what the others have of a wave tells them. Three make a wave, and where four and more are there the others follow from these, pixel by pixel, by least squares.
 
 use nalgebra::{DMatrix, Matrix3, Matrix3xX, MatrixXx3, Vector3};
 
-use super::phase::SATURATED;
+use super::gray::NONE;
+use super::phase::{LEAST, MOST, SATURATED};
 
 /// So many steps have to be there for others to be worked out: three make a wave, and the fourth says whether it is one.
 pub(super) const LEAST_STEPS: usize = 4;
+
+/// Steps in their order leave less beside the wave than this part of what they have at all, and two that are exchanged leave this part of what is left as they stand [–].
+const LEAST_BESIDE: f64 = 0.01;
+const EXCHANGED: f64 = 0.5;
+
+/// The gap that is meant leaves this part of what any other one does, and of what is left with the picture behind, at most [–].
+const MUCH_LESS: f64 = 0.5;
 
 /// The steps `there` of `n` as rows 1, cos, sin of the wave that they are samples of.
 fn rows(there: &[usize], n: usize) -> MatrixXx3<f64> {
@@ -71,5 +79,54 @@ pub(super) fn gap(steps: &[&[u8]], next: Option<&[u8]>, n: usize, pixels: &[usiz
     (left[best] < MUCH_LESS * second.min(with_next)).then_some(best)
 }
 
-/// The gap that is meant leaves this part of what any other one does, and of what is left with the picture behind, at most [–].
-const MUCH_LESS: f64 = 0.5;
+/// Pairs of steps that leave much less beside the wave when they are exchanged, the best first.
+pub(super) fn exchanged(steps: &[&[u8]], stripes: &[u16]) -> Vec<[usize; 2]> {
+    let n = steps.len();
+    let known: Vec<usize> = (0..stripes.len()).filter(|it| stripes[*it] != NONE).collect();
+    let some = known.iter().step_by(known.len().div_ceil(MOST).max(1));
+    // What steps have in common over all pixels, each pixel's mean taken off.
+    let mut common = vec![0.0; n * n];
+    let mut off = vec![0.0; n];
+    let mut n_seen = 0;
+    for at in some.filter(|at| steps.iter().all(|it| it[**at] < SATURATED)) {
+        let mean = steps.iter().map(|it| f64::from(it[*at])).sum::<f64>() / n as f64;
+        off.iter_mut().zip(steps).for_each(|(off, step)| *off = f64::from(step[*at]) - mean);
+        for (row, a) in off.iter().enumerate() {
+            for (column, b) in off.iter().enumerate() {
+                common[row * n + column] += a * b;
+            }
+        }
+        n_seen += 1;
+    }
+    if n < 4 || n_seen < LEAST {
+        return Vec::new();
+    }
+    let energy: f64 = (0..n).map(|it| common[it * n + it]).sum();
+    let beside = |place: &dyn Fn(usize) -> usize| {
+        let turn = |step: usize| std::f64::consts::TAU * place(step) as f64 / n as f64;
+        let on: f64 = (0..n * n).map(|at| common[at] * (turn(at / n) - turn(at % n)).cos()).sum();
+        energy - 2.0 / n as f64 * on
+    };
+    let stated = beside(&|step| step);
+    if stated < LEAST_BESIDE * energy {
+        return Vec::new();
+    }
+    let pairs = (0..n).flat_map(|b| (0..b).map(move |a| [a, b]));
+    let mut found: Vec<(f64, [usize; 2])> = pairs
+        .map(|[a, b]| {
+            let place = |step: usize| {
+                if step == a {
+                    b
+                } else if step == b {
+                    a
+                } else {
+                    step
+                }
+            };
+            (beside(&place), [a, b])
+        })
+        .filter(|it| it.0 < EXCHANGED * stated)
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().map(|it| it.1).collect()
+}
