@@ -56,7 +56,7 @@ const NOISY: f64 = 0.6;
 /// A camera that blurs by more than this is told to be out of focus, standard deviation [px].
 const OUT_OF_FOCUS: f64 = 1.2;
 /// And a projector whose light fades at the ends of its picture by more than this [projector px].
-const SOFT: f64 = 1.0;
+const SOFT: f64 = 1.5;
 
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -10,10 +10,13 @@ const FADES: usize = 24;
 const ONE_SIGMA: f64 = 0.841;
 /// So far inside an end nothing is drawn by more than a hundredth of a pixel [σ].
 const CLEAR: f64 = 2.7;
-/// An end is in focus where the outermost column has this part of the light: textures alone take less off [–].
-const IN_FOCUS: f64 = 0.85;
+/// An end is in focus where the outermost column has this part of the light [–].
+const IN_FOCUS: f64 = 0.6;
 /// Light that fades is at most so far off how it fades, in the mean [–].
 const OFF: f64 = 0.08;
+/// Or it fades to less than this part, within so few columns: those that are drawn inwards bring the light of what lies farther out with them [–, px].
+const FAINT: f64 = 0.35;
+const MOST_DRAWN: f64 = 7.0;
 /// Pixels that see a column, at least, for it to say something.
 const LEAST: f64 = 8.0;
 /// And all columns behind together.
@@ -73,7 +76,8 @@ fn sigma_of(pixels: impl Iterator<Item = (f64, u8)>) -> f64 {
     // The end of a dark surface does not fade so.
     let off = |(at, part): (usize, f64)| (part - normal((at as f64 + 0.5) / sigma)).abs();
     let fading: Vec<f64> = seen().take_while(|it| it.0 as f64 <= 2.0 * sigma).map(off).collect();
-    if fading.iter().sum::<f64>() <= OFF * fading.len() as f64 { sigma } else { 0.0 }
+    let is_drawn = sigma <= MOST_DRAWN && seen().next().is_some_and(|it| it.1 < FAINT);
+    if is_drawn || fading.iter().sum::<f64>() <= OFF * fading.len() as f64 { sigma } else { 0.0 }
 }
 
 /// The normal distribution, to 0.01.
@@ -110,6 +114,22 @@ mod tests {
     }
 
     #[test]
+    fn places_that_are_drawn_inwards_are_left_out() {
+        // As phases of an end that is out of focus by 2.4 px are: what lies at the end or outside is seen 1.9 px and less inside.
+        let (mut found, mut contrast) = seen(0.0, 0.2);
+        for (at, (value, level)) in found.values[0].iter_mut().zip(&mut contrast).enumerate() {
+            let x = (at % 800) as f64 - 4.5;
+            let drawn = x.max(0.0) + 1.9 * (-0.5 * (x / 2.4).powi(2)).exp();
+            *level = (f64::from(*level) * normal(x / 2.4)).round() as u8;
+            *value = if x < 12.0 { (drawn - 0.5) as f32 } else { (x - 0.5) as f32 };
+        }
+        let [soft, _] = leave_out_soft_ends(&mut found, &contrast, [795, 600]);
+        assert!((2.0..5.0).contains(&soft), "{soft}");
+        let nearest = found.values[0].iter().copied().filter(|it| it.is_finite()).fold(f32::INFINITY, f32::min);
+        assert!((6.0..13.0).contains(&nearest), "{nearest}");
+    }
+
+    #[test]
     fn soft_ends_are_left_out_as_far_as_they_are_soft_and_sharp_ones_stay() {
         for texture in [0.0, 0.3] {
             for sigma in [-3.0, -9.0, -15.0, 0.0, 0.2, 1.0, 2.4, 5.0] {
@@ -119,7 +139,7 @@ mod tests {
                 let out = row.iter().take_while(|it| **it).count() as f64;
                 assert_eq!(other, 0.0);
                 assert!(row[out as usize..].iter().all(|it| !it), "{sigma}");
-                if sigma < 0.5 {
+                if sigma < 2.0 {
                     assert_eq!((soft, out), (0.0, 0.0), "{sigma}, {texture}");
                 } else {
                     assert!((soft - sigma).abs() < 0.25 * sigma, "{soft} for {sigma}, {texture}");
