@@ -123,7 +123,7 @@ pub fn coordinates(
         let place = |step: u32| code.place(Shown::Phase { axis, step }).map(|it| pictures[it].pixels());
         let steps: Vec<&[u8]> = (0..code.steps).filter_map(place).collect();
         let seen = |steps: &[&[u8]]| Wave::new(code, axis, options).seen(steps, stripes, decoded.size[0]);
-        let (wave, steps, pair) = in_order(steps, stripes, seen);
+        let Ordered { wave, steps, exchanged: pair } = in_order(steps, stripes, seen);
         (ways[axis.index()], exchanged[axis.index()]) = (wave.steps, pair);
         let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
         for (at, stripe) in stripes.iter().enumerate().filter(|it| *it.1 != NONE) {
@@ -151,30 +151,31 @@ pub fn coordinates(
     Ok(Phases { coordinates: found, steps: ways, exchanged, off_wave: off as f64 / strong.max(1) as f64 })
 }
 
-/// Steps in the order in which they are a wave, what they have of it then, and which two were exchanged.
-fn in_order<'a, 's>(
+/// Steps in the order in which they are a wave.
+struct Ordered<'a, 's> {
+    /// What they have of it.
+    wave: Wave<'a>,
     steps: Vec<&'s [u8]>,
-    stripes: &[u16],
-    seen: impl Fn(&[&'s [u8]]) -> Wave<'a>,
-) -> (Wave<'a>, Vec<&'s [u8]>, Option<[u32; 2]>) {
-    let mut found: Option<(Wave<'a>, Vec<&[u8]>, [usize; 2])> = None;
+    /// Which two were exchanged.
+    exchanged: Option<[u32; 2]>,
+}
+
+fn in_order<'a, 's>(steps: Vec<&'s [u8]>, stripes: &[u16], seen: impl Fn(&[&'s [u8]]) -> Wave<'a>) -> Ordered<'a, 's> {
+    let mut found: Option<Ordered<'a, 's>> = None;
     for pair in exchanged(&steps, stripes) {
-        let mut other = steps.clone();
-        other.swap(pair[0], pair[1]);
-        let wave = seen(&other);
+        let mut steps = steps.clone();
+        steps.swap(pair[0], pair[1]);
+        let wave = seen(&steps);
         // Of four steps two ways make a wave: the one that is as stated is meant.
-        if wave.steps == Steps::AsStated || wave.steps != Steps::NoWay && found.is_none() {
-            let is_stated = wave.steps == Steps::AsStated;
-            found = Some((wave, other, pair));
-            if is_stated {
-                break;
-            }
+        let is_stated = wave.steps == Steps::AsStated;
+        if is_stated || wave.steps != Steps::NoWay && found.is_none() {
+            found = Some(Ordered { wave, steps, exchanged: Some(pair.map(|it| it as u32)) });
+        }
+        if is_stated {
+            break;
         }
     }
-    match found {
-        Some((wave, steps, pair)) => (wave, steps, Some(pair.map(|it| it as u32))),
-        None => (seen(&steps), steps, None),
-    }
+    found.unwrap_or_else(|| Ordered { wave: seen(&steps), steps, exchanged: None })
 }
 
 /// Pixels that may see two surfaces, or the end of the light.
