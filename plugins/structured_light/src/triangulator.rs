@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use foveate::geometry::Camera;
 use foveate::prelude::*;
-use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::pair::tests::rig;
