@@ -11,7 +11,7 @@ const ONE_SIGMA: f64 = 0.841;
 /// So far inside an end nothing is drawn by more than a hundredth of a pixel [σ].
 const CLEAR: f64 = 2.7;
 /// An end is in focus where the outermost column has this part of the light [–].
-const IN_FOCUS: f64 = 0.6;
+const IN_FOCUS: f64 = 0.66;
 /// Light that fades is at most so far off how it fades, in the mean [–].
 const OFF: f64 = 0.08;
 /// Or it fades to less than this part, within so few columns: those that are drawn inwards bring the light of what lies farther out with them [–, px].
