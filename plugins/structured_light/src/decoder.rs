@@ -4,6 +4,8 @@
 //! 2. Where something changed during the set, nothing is decoded.
 //! 3. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
 
+mod words;
+
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
 use foveate::imaging::stripes::ends::leave_out_soft_ends;
@@ -15,6 +17,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::words::{exchanged_in_words, out_of_focus_in_words, soft_in_words, steps_in_words, too_fine_in_words};
 use crate::moved::Blocks;
 use crate::pattern::{PatternSettings, calibrated_size, projector_of};
 
@@ -38,11 +41,6 @@ const CHANGE: [f32; 2] = [6.0, 0.04];
 /// Changed blocks over lit ones that are worth a remark.
 const CHANGED_SHARE: f64 = 0.005;
 
-/// Where the finest stripes are too fine in more than this part of what the projector lights, it is told [–].
-const TOLD_SHARE: f64 = 0.5;
-/// … and where coarser stripes told more than this part of what the projector lights [–].
-const TOLD_FILLED: f64 = 0.15;
-
 /// Pictures that are named one by one.
 const NAMED: usize = 6;
 /// Bits beyond those that are too fine all over the picture, without which pixels are tried that cannot be decoded with them.
@@ -53,11 +51,6 @@ const SCARCE: f64 = 0.25;
 const OFF_WAVE: f64 = 0.2;
 /// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
 const NOISY: f64 = 0.6;
-/// A camera that blurs by more than this is told to be out of focus, standard deviation [px].
-const OUT_OF_FOCUS: f64 = 1.2;
-/// And a projector whose light fades at the ends of its picture by more than this [projector px].
-const SOFT: f64 = 1.5;
-
 /// Settings of [`Decoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -507,6 +500,7 @@ impl Decoder {
         wanted: [Option<&[bool]>; 2],
     ) -> Result<Coordinates, String> {
         let edges = EdgeOptions { noise, threads: self.settings.threads, ..EdgeOptions::default() };
+        (self.off_wave, self.steps, self.exchanged) = Default::default();
         if code.steps == 0 {
             let found = edges::coordinates_where(code, views, &self.decoded, &edges, wanted);
             return found.map_err(|fault| fault.to_string());
@@ -515,81 +509,6 @@ impl Decoder {
         let found = found.map_err(|fault| fault.to_string())?;
         (self.off_wave, self.steps, self.exchanged) = (found.off_wave, found.steps, found.exchanged);
         Ok(found.coordinates)
-    }
-}
-
-/// Which bits are finer than the camera resolves, and where.
-fn too_fine_in_words(code: &StripeCode, whole: &TooFine, in_parts: &TooFine, filled: [f64; 2]) -> Vec<String> {
-    let one = |axis: Axis| {
-        let at = axis.index();
-        let dropped = whole.overall()[at];
-        let help = "a camera that is sharper, closer or has more pixels, and a projector that is in focus, would show more detail";
-        let n = code.bits[at];
-        if dropped > 0 {
-            let planes: Vec<String> = (n - dropped..n).map(|it| it.to_string()).collect();
-            let which = if dropped == 1 { "bit" } else { "bits" };
-            return Some(format!(
-                "stripes of {which} {} of the {} are finer than the camera resolves: the coarser ones are used, and places between their boundaries are interpolated; {help}",
-                planes.join(" and "),
-                axis.in_words()
-            ));
-        }
-        let share = if in_parts.share(axis) > TOLD_SHARE { in_parts.share(axis) } else { filled[at] };
-        (share > TOLD_FILLED).then(|| {
-            format!(
-                "in {:.0} % of what the projector lights, the finest stripes of the {} are finer than the camera resolves: coarser ones are used there; {help}",
-                100.0 * share,
-                axis.in_words()
-            )
-        })
-    };
-    Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
-}
-
-/// What is said of a camera that blurs by a standard deviation of `sigma` px.
-fn out_of_focus_in_words(sigma: f64) -> Option<String> {
-    (sigma > OUT_OF_FOCUS).then(|| {
-        format!(
-            "the camera is out of focus: edges of the surface's colours are blurred by a standard deviation of {sigma:.1} px, expected below 1: places near such edges are put right as far as they can be, and rims \
-             of surfaces and of shadows are left out"
-        )
-    })
-}
-
-/// What is said of a projector whose light fades at the ends of its picture by `sigma` px.
-fn soft_in_words(axis: Axis, sigma: f64) -> Option<String> {
-    (sigma > SOFT).then(|| {
-        format!(
-            "the projector is out of focus: its light fades at the first or the last of the {} by a standard deviation of {sigma:.1} of its pixels, expected below {SOFT}: places near there are drawn inwards, and are left out",
-            axis.in_words()
-        )
-    })
-}
-
-/// What is said of two phase steps that are exchanged.
-fn exchanged_in_words(axis: Axis, [a, b]: [u32; 2]) -> String {
-    format!(
-        "phase steps {a} and {b} of the {} are exchanged (counted from 0): they are taken in their order",
-        axis.in_words()
-    )
-}
-
-/// What is said of phase steps that do not stand as stated.
-fn steps_in_words(axis: Axis, steps: Steps) -> Option<String> {
-    let axis = axis.in_words();
-    match steps {
-        Steps::AsStated => None,
-        Steps::Otherwise { is_reversed, ahead } => {
-            let way = if is_reversed { "run the other way" } else { "run as expected" };
-            Some(format!(
-                "the phase steps of the {axis} {way} and begin {:.2} of a period elsewhere, expected step k of n ahead by k / n of a period, or two of them are exchanged: coordinates allow for it, by the Gray code \
-                 below them",
-                ahead.rem_euclid(1.0)
-            ))
-        }
-        Steps::NoWay => Some(format!(
-            "the phase steps of the {axis} and its Gray code agree in no way, whichever way steps run and wherever they begin: the {axis} are left out. Do the steps stand in their order, and is `period_px` that of the pictures?"
-        )),
     }
 }
 

@@ -233,7 +233,7 @@ impl Engine {
             && self.begun > 0
             && self.given.0 == 0
             && self.elsewhere_m.is_empty()
-            && self.in_step.withheld() == 0
+            && self.in_step.n_left_out() == 0
         {
             report.remark(self.why_nothing());
         }

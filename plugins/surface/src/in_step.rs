@@ -21,7 +21,7 @@ pub struct InStep {
     /// Points that were measured, and patches that lay off their epipolar lines, up to the moment before.
     counted: [f64; 2],
     /// Moments that were left out.
-    withheld: u64,
+    left_out: u64,
 }
 
 /// The median of fewer points says nothing about the cameras [–].
@@ -98,13 +98,13 @@ impl InStep {
             ),
             _ => return None,
         };
-        self.withheld += 1;
+        self.left_out += 1;
         Some(format!("{why}: cameras are out of step, or one was moved; it is left out"))
     }
 
     /// How many moments were left out.
-    pub fn withheld(&self) -> u64 {
-        self.withheld
+    pub fn n_left_out(&self) -> u64 {
+        self.left_out
     }
 
     /// Figures and remarks of all moments so far.
@@ -114,11 +114,11 @@ impl InStep {
         let least_px = self.medians.iter().copied().fold(f64::NAN, f64::min);
         report.figure("surface.misfit_px.median", middle_px);
         report.figure("surface.misfit_px.max", most_px);
-        report.figure("surface.out_of_step", self.withheld as f64);
-        if self.withheld > 0 {
+        report.figure("surface.out_of_step", self.left_out as f64);
+        if self.left_out > 0 {
             report.remark(format!(
                 "{} moments were left out: lines of sight pass each other there by far more than in earlier ones: cameras are out of step (by a field, or a picture), or one was moved",
-                self.withheld
+                self.left_out
             ));
         } else if most_px > GROWN_PX && most_px > GROWS * least_px {
             report.remark(format!(

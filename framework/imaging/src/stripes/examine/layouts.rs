@@ -172,7 +172,8 @@ impl<'a> Layouts<'a> {
         let n = self.set.code.steps as usize;
         let first = roles.iter().position(|it| matches!(it, Shown::Phase { axis: of, .. } if *of == axis))?;
         let is_run = (0..n).all(|it| roles.get(first + it) == Some(&Shown::Phase { axis, step: it as u32 }));
-        if !is_run || self.set.pictures.len() + 1 != roles.len() {
+        // What could not be read is no step.
+        if !is_run || !self.set.skipped.is_empty() || self.set.pictures.len() + 1 != roles.len() {
             return None;
         }
         let steps: Vec<&[u8]> = self.set.pictures[first..first + n - 1].iter().map(|it| it.pixels()).collect();

@@ -4,6 +4,8 @@ use super::super::code::{Group, Inverse};
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
+mod steps;
+
 pub(super) const MIN_CONTRAST: u8 = 12;
 
 pub(super) fn examined(code: &StripeCode, pictures: &[Vec<u8>]) -> Examination {
@@ -521,95 +523,4 @@ fn rows_taken_for_columns_are_told() {
     let found = examined(&wrong, &wall(1).pictures(&right));
     let [SetFault::OtherOrder { code }] = &found.faults[..] else { panic!("{:?}", found.faults) };
     assert_eq!(code.order, right.order);
-}
-
-/// The faults of a wall's phase steps after `change`, in words, and the axes that are left.
-fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize)) -> (Vec<String>, Vec<Axis>) {
-    let code = StripeCode::phase([160, 120], steps, 8);
-    let mut pictures = wall(3).pictures(&code);
-    let place = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
-    change(&mut pictures, &place);
-    let found = examined(&code, &pictures);
-    let words = found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`")));
-    (words.collect(), found.usable(&code))
-}
-
-#[test]
-fn a_phase_step_that_lacks_is_named_and_worked_out_from_the_others() {
-    let code = StripeCode::phase([160, 120], 8, 8);
-    let whole = wall(3).pictures(&code);
-    for (axis, step) in Axis::BOTH.into_iter().flat_map(|axis| (0..8).map(move |step| (axis, step))) {
-        let place = code.place(Shown::Phase { axis, step }).unwrap();
-        let mut pictures = whole.clone();
-        pictures.remove(place);
-        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let found = examine(&code, &views, &[], 6);
-        let words = found.faults.last().unwrap().describe(&code, &|at| format!("`{at}.png`"));
-        let expected = match step {
-            // A wave may begin with the one or end with the other.
-            0 | 7 => format!("1 of the 8 phase steps of the {} is missing, nothing tells which", axis.in_words()),
-            _ => format!("no picture shows phase step {step} of the {}", axis.in_words()),
-        };
-        assert!(words.starts_with(&expected) && found.usable(&code) == Axis::BOTH, "{axis:?} {step}: {words}");
-        let prepared = found.prepared(&code, &views);
-        assert_eq!(prepared.pictures.len(), whole.len());
-        if step == 0 {
-            continue;
-        }
-        assert_eq!(prepared.worked_out, [Shown::Phase { axis, step }]);
-        let off = |it: (&u8, &u8)| (f64::from(*it.0) - f64::from(*it.1)).powi(2);
-        let n = whole[0].len() as f64;
-        let rms = (prepared.pictures[place].iter().zip(&whole[place]).map(off).sum::<f64>() / n).sqrt();
-        assert!(rms < 6.0, "{axis:?} {step}: {rms}");
-    }
-    // White behind the steps of the rows, or black, is no step.
-    for what in [Shown::White, Shown::Black] {
-        let mut pictures = whole.clone();
-        pictures.remove(code.place(what).unwrap());
-        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
-        let found = examine(&code, &views, &[], 6);
-        let words: Vec<String> =
-            found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`"))).collect();
-        assert!(!words.iter().any(|it| it.contains("phase step")), "{what}: {words:?}");
-    }
-}
-
-#[test]
-fn phase_steps_that_are_none_are_named() {
-    let (said, usable) = of_steps(4, |_, _| ());
-    assert!(said.is_empty() && usable == Axis::BOTH, "{said:?}");
-    let (said, usable) = of_steps(4, |pictures, place| pictures[place(2)].fill(0));
-    let expected = "shows black, expected phase step 2 of the columns";
-    assert!(said.len() == 1 && said[0].contains(expected) && usable == [Axis::Rows], "{said:?}");
-    let white = |pictures: &mut Vec<Vec<u8>>, place: &dyn Fn(u32) -> usize| {
-        let last = pictures.len() - 2;
-        let white = pictures[last].clone();
-        pictures[place(2)] = white;
-    };
-    let (said, usable) = of_steps(4, white);
-    assert!(said.len() == 1 && said[0].contains("shows white") && usable == [Axis::Rows], "{said:?}");
-    for step in 0..4 {
-        let (said, usable) = of_steps(4, |pictures, place| drop(pictures.remove(place(step))));
-        let expected = "1 of the 4 phase steps of the columns is missing, nothing tells which";
-        assert!(said.len() == 2 && said[1] == expected && usable == [Axis::Rows], "step {step}: {said:?}");
-    }
-    let (said, _) = of_steps(4, |pictures, place| pictures[place(1)].iter_mut().for_each(|it| *it = 255 - *it));
-    assert!(said.len() == 1 && said[0].contains("is a negative, expected phase step 1"), "{said:?}");
-}
-
-#[test]
-fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
-    // The projector reaches a part of the rows, and pixels lie in the middle of its boundaries.
-    let code = StripeCode::gray([160, 128]);
-    let part = Scene { shadow: |_, y| y < 60.0, projector: |x, y| [0.3 + x, 1.0 + y], defocus: 0.7, ..wall(4) };
-    let pictures = part.pictures(&code);
-    assert_eq!(examined(&code, &pictures).faults, []);
-    for plane in 1..7 {
-        let mut changed = pictures.clone();
-        changed.swap(2 * plane, 2 * plane + 1);
-        let found = examined(&code, &changed);
-        let planes = vec![plane as u32];
-        let expected = SetFault::Inverted { axis: Axis::Columns, planes, all: false, mended: true };
-        assert_eq!(found.faults, [expected], "bit {plane}");
-    }
 }
