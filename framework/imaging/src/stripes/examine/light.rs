@@ -19,7 +19,7 @@ const SAMPLES: usize = 5000;
 const SATURATED: u8 = 250;
 /// Turns in which the light's picture and what each pair has of it are found.
 const ROUNDS: usize = 8;
-/// Light that differs by less in sums of two pictures is steady [gray levels]; sums that differ, at least: of one or two, other faults tell more.
+/// Light that differs by less in sums of two pictures is steady [gray levels]; so many sums that differ tell it from another exposure, which in each has other stripes: of fewer, the stripes themselves have to.
 const LEAST: f64 = 2.0;
 const MIN_UNLIKE: usize = 3;
 /// Its picture has one sign in this part of the pixels [–].
@@ -28,12 +28,22 @@ const ONE_SIGN: f64 = 0.97;
 const LEVELS: f64 = 5.0;
 const SIGMAS: f64 = 6.0;
 const OFF: f64 = 0.05;
-/// A pixel of a pair is certain where its difference is this part of the largest of all pairs [–].
+/// In a pixel that the projector lights the two of the middle one of all pairs differ by this part of what those of any pair do, at least [–].
+const STRIPED: f64 = 0.45;
+/// The difference of the two of a pair is what this part of all pairs do not exceed: of fine stripes less is seen, and a lamp that is on in one picture makes more [–].
+const USUAL: f64 = 0.94;
+/// A light that few sums have is as bright where a picture is bright as where it is dark, but for this factor: another exposure is not [–].
+const AS_BRIGHT: f64 = 1.6;
+/// A pixel of a pair is certain where its difference is this part of the usual one of all pairs [–].
 const CERTAIN: f64 = 0.85;
 /// … and in some direction where it is this part.
 const SEEN: f64 = 0.3;
 /// Stripes and light are told apart where they are less alike than this, as 1 less the square of their correlation [–].
 const TOLD_APART: f64 = 0.2;
+/// Pictures of which both tell it, at least.
+const MIN_TOLD: usize = 4;
+/// Pixels of a picture that tell how much of the light it has, at least.
+const MIN_SEEN: usize = 30;
 /// What dark and what bright places tell of the light of pictures is as alike [–].
 const ALIKE: f64 = 0.4;
 
@@ -113,8 +123,19 @@ fn steadied(
     }
     let levels = |picture: usize, at: usize| f64::from(pictures[picture].pixels()[at]);
     let is_whole = |it: &&(usize, u8, u8)| it.2 < SATURATED;
-    let some: Vec<usize> =
-        lit.iter().filter(is_whole).step_by(lit.len().div_ceil(SAMPLES).max(1)).map(|it| it.0).collect();
+    // Where the projector does not reach, a light that differs from picture to picture makes pixels bright and dark too, but not by as much in all pairs.
+    let has_stripes = |at: usize| {
+        let mut all: Vec<f64> = pairs.iter().map(|[a, b]| (levels(*a, at) - levels(*b, at)).abs()).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2] >= STRIPED * all[all.len() - 1]
+    };
+    let some: Vec<usize> = lit
+        .iter()
+        .filter(is_whole)
+        .step_by(lit.len().div_ceil(SAMPLES).max(1))
+        .map(|it| it.0)
+        .filter(|it| has_stripes(*it))
+        .collect();
     if some.len() < MIN_SAMPLES {
         return None;
     }
@@ -151,13 +172,20 @@ fn steadied(
     sorted.sort_by(f64::total_cmp);
     let brightness = sorted[sorted.len() / 2].abs();
     let n_unlike = shares.iter().filter(|it| it.abs() * brightness >= LEAST).count();
-    if n_lit.max(1.0 - n_lit) < ONE_SIGN || n_unlike < MIN_UNLIKE || sums.iter().zip(&shares).any(is_off) {
+    if n_lit.max(1.0 - n_lit) < ONE_SIGN || n_unlike == 0 || sums.iter().zip(&shares).any(is_off) {
         return None;
+    }
+    if n_unlike < MIN_UNLIKE {
+        let is_unlike = |it: &(&Vec<f64>, &f64)| it.1.abs() * brightness >= LEAST;
+        let mut unlike = differences.iter().zip(&shares).filter(is_unlike);
+        if !unlike.all(|(of, _)| is_as_bright(&light, of)) {
+            return None;
+        }
     }
     // What each picture has of it, by where it is dark and by where it is bright: another exposure makes bright places brighter, and dark ones hardly.
     let of_bits = &differences[..differences.len() - 1];
     let contrast: Vec<f64> =
-        (0..some.len()).map(|it| of_bits.iter().map(|of| of[it].abs()).fold(0.0, f64::max)).collect();
+        (0..some.len()).map(|it| at_share(USUAL, of_bits.iter().map(|of| of[it].abs()).collect())).collect();
     let sides = [false, true].map(|is_bright| {
         let seen = pairs.iter().zip(&differences).flat_map(|(pair, of)| {
             [0, 1].map(|which| {
@@ -168,26 +196,40 @@ fn steadied(
         });
         of_each(&seen.collect::<Vec<_>>(), &light)
     });
-    let [dark, bright] = &sides;
-    if dot(dark, bright) < ALIKE * dot(dark, dark).max(dot(bright, bright)) {
+    // Each counts from a mean of its own, of the pictures that it tells something of.
+    let both = sides[0].iter().zip(&sides[1]).filter_map(|(dark, bright)| Some([(*dark)?, (*bright)?]));
+    let both: Vec<[f64; 2]> = both.collect();
+    let [dark, bright] = [0, 1].map(|side| {
+        let mean = both.iter().map(|it| it[side]).sum::<f64>() / both.len().max(1) as f64;
+        both.iter().map(|it| it[side] - mean).collect::<Vec<f64>>()
+    });
+    let (dark, bright) = (&dark, &bright);
+    // Of few sums, which stripes told apart from exposures above, blur of fine stripes tells more here than light.
+    if n_unlike >= MIN_UNLIKE
+        && (both.len() < MIN_TOLD || dot(dark, bright) < ALIKE * dot(dark, dark).max(dot(bright, bright)))
+    {
         return None;
     }
-    // What the first of a pair has more than the second: differences are so many times the largest, in one or the other direction, and this. White is brighter than black everywhere: of them it is as
+    // What the first of a pair has more than the second: differences are so many times the usual one, in one or the other direction, and this. White is brighter than black everywhere: of them it is as
     // many times as of coarse bits.
-    let mut parts: Vec<(usize, f64)> = Vec::new();
-    let mut usual = 0.0_f64;
-    for ([a, b], (share, of)) in pairs.iter().zip(shares.iter().zip(&differences)) {
+    let sums_of = |of: &Vec<f64>| {
         let [mut cc, mut cl, mut ll, mut co, mut lo] = [0.0; 5];
         for it in (0..some.len()).filter(|it| of[*it].abs() >= SEEN * contrast[*it]) {
             let (c, l) = (of[it].signum() * contrast[it], light[it]);
             (cc, cl, ll, co, lo) = (cc + c * c, cl + c * l, ll + l * l, co + c * of[it], lo + l * of[it]);
         }
-        let determinant = cc * ll - cl * cl;
-        let more = if determinant > TOLD_APART * cc * ll {
-            usual = usual.max((ll * co - cl * lo) / determinant);
-            (cc * lo - cl * co) / determinant
-        } else {
-            (lo - usual * cl) / ll.max(1e-9)
+        (cc * ll - cl * cl, [cc, cl, ll, co, lo])
+    };
+    let all: Vec<(f64, [f64; 5])> = differences.iter().map(sums_of).collect();
+    let is_told = |determinant: f64, [cc, _, ll, ..]: [f64; 5]| determinant > TOLD_APART * cc * ll;
+    let told = all.iter().filter(|it| is_told(it.0, it.1));
+    let usual = told.map(|(determinant, [_, cl, ll, co, lo])| (ll * co - cl * lo) / determinant).fold(0.0, f64::max);
+    let mut parts: Vec<(usize, f64)> = Vec::new();
+    for ([a, b], (share, (determinant, sums))) in pairs.iter().zip(shares.iter().zip(&all)) {
+        let [cc, cl, ll, co, lo] = *sums;
+        let more = match is_told(*determinant, *sums) {
+            true => (cc * lo - cl * co) / determinant,
+            false => (lo - usual * cl) / ll.max(1e-9),
         };
         parts.extend([(*a, (share + more) / 2.0), (*b, (share - more) / 2.0)]);
     }
@@ -209,8 +251,26 @@ fn steadied(
     Some((parts.iter().map(one).collect(), vec![SetFault::Unsteady { by }]))
 }
 
-/// How many times a light each picture has, by some of their pixels: number and level. Without it, levels of a pixel are the same in all pictures that have it.
-fn of_each(seen: &[Vec<(usize, f64)>], light: &[f64]) -> Vec<f64> {
+/// Whether a light is as bright where the difference of a pair has one sign as where it has the other.
+fn is_as_bright(light: &[f64], difference: &[f64]) -> bool {
+    let middle = |sign: f64| {
+        let mut there: Vec<f64> =
+            light.iter().zip(difference).filter(|it| it.1 * sign > 0.0).map(|it| it.0.abs()).collect();
+        there.sort_by(f64::total_cmp);
+        there.get(there.len() / 2).copied().filter(|_| there.len() >= MIN_SAMPLES / 4)
+    };
+    let (Some(a), Some(b)) = (middle(1.0), middle(-1.0)) else { return false };
+    a.max(b) <= AS_BRIGHT * a.min(b)
+}
+
+/// What this part of some numbers do not exceed.
+fn at_share(part: f64, mut all: Vec<f64>) -> f64 {
+    all.sort_by(f64::total_cmp);
+    all.get((part * all.len().saturating_sub(1) as f64) as usize).copied().unwrap_or_default()
+}
+
+/// How many times a light each picture has, by some of their pixels: number and level; `None` of a picture without any. Without it, levels of a pixel are the same in all pictures that have it.
+fn of_each(seen: &[Vec<(usize, f64)>], light: &[f64]) -> Vec<Option<f64>> {
     let mut times = vec![0.0; seen.len()];
     for _ in 0..ROUNDS {
         let mut means = vec![(0.0, 0.0); light.len()];
@@ -228,7 +288,7 @@ fn of_each(seen: &[Vec<(usize, f64)>], light: &[f64]) -> Vec<f64> {
             *times = if square > 0.0 { product / square } else { 0.0 };
         }
     }
-    times
+    times.into_iter().zip(seen).map(|(times, seen)| Some(times).filter(|_| seen.len() >= MIN_SEEN)).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -249,7 +309,7 @@ pub(super) fn replaced<'a>(pictures: &[ImageView<'a>], by: &'a [(usize, Vec<u8>)
 mod tests {
     use foveate_estimation::random::Random;
 
-    use super::super::super::scene::{wall, wall_code, wall_set};
+    use super::super::super::scene::{Scene, wall, wall_code, wall_set};
     use super::super::tests::{MIN_CONTRAST, check, examined};
     use super::super::{Prepared, examine};
     use super::*;
@@ -323,6 +383,42 @@ mod tests {
     }
 
     #[test]
+    fn a_light_is_no_exposure_where_the_camera_sees_more_than_the_projector_lights() {
+        let code = wall_code();
+        let n = code.pictures().len();
+        for seed in 1..=2 {
+            // A third of the picture lies beside what the projector reaches.
+            let scene = Scene { projector: |x, y| [-60.0 + 1.1 * x, 12.0 + 0.58 * y], ..wall(seed) };
+            let plain = scene.pictures(&code);
+            let mut random = Random::new(seed);
+            let flicker: Vec<f64> = (0..n).map(|_| 2.5 + 1.2 * random.normal()).collect();
+            let one_lamp: Vec<f64> = (0..n).map(|it| if it == 9 { 4.0 } else { 1.0 }).collect();
+            for light in [flicker, one_lamp] {
+                let add = |(picture, times): (&Vec<u8>, &f64)| {
+                    let more = |at: usize| 14.0 * (times - 1.0) * (scene.albedo)((at % 160) as f64, (at / 160) as f64);
+                    let pixels = picture.iter().enumerate();
+                    pixels.map(|(at, it)| (f64::from(*it) + more(at)).round().clamp(0.0, 255.0) as u8).collect()
+                };
+                let pictures: Vec<Vec<u8>> = plain.iter().zip(&light).map(add).collect();
+                let found = examined(&code, &pictures);
+                assert!(matches!(found.faults[..], [SetFault::Unsteady { .. }]), "seed {seed}: {:?}", found.faults);
+                let views: Vec<ImageView<'_>> =
+                    pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+                let Prepared { pictures: evened, .. } = found.prepared(&code, &views);
+                // All pictures in one light: what a pair adds up to is what white and black do.
+                let sum =
+                    |pair: usize, at: usize| f64::from(evened[2 * pair][at]) + f64::from(evened[2 * pair + 1][at]);
+                for pair in 0..n / 2 - 1 {
+                    let some = (0..19_200).filter(|it| (0..n).all(|picture| pictures[picture][*it] < SATURATED));
+                    let off: Vec<f64> = some.map(|at| sum(pair, at) - sum(n / 2 - 1, at)).collect();
+                    let mean = off.iter().sum::<f64>() / off.len() as f64;
+                    assert!(mean.abs() < 4.0, "seed {seed}, pair {pair}: {mean}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn what_moves_and_other_exposures_are_no_unsteady_light() {
         let n = wall_code().pictures().len();
         let is_light = |pictures: &[Vec<u8>]| {
@@ -339,5 +435,10 @@ mod tests {
             picture.iter_mut().for_each(|it| *it = (f64::from(*it) * times).round() as u8);
         }
         assert!(!is_light(&exposed));
+        for (of, times) in [(4, 0.6), (11, 1.3), (20, 0.75), (30, 0.7)] {
+            let mut exposed = wall_set(2);
+            exposed[of].iter_mut().for_each(|it| *it = (f64::from(*it) * times).round() as u8);
+            assert!(!is_light(&exposed), "{of}");
+        }
     }
 }
