@@ -133,11 +133,15 @@ fn in_stretches(
     if stretches.windows(2).any(|it| it[0].last() > it[1].first()) {
         return None;
     }
-    // Pictures between two stretches, whose pair is of both, belong to the one whose range they stay in.
+    // Pictures that are of no sum, such as phase steps, belong to the stretch that they lie in or follow; between two stretches, as where a pair is of both, to the one whose range they stay in.
     let used: Vec<usize> = stretches.iter().flatten().copied().collect();
+    let ends: Vec<usize> = stretches.iter().filter_map(|it| it.last().copied()).collect();
     for at in (0..pictures.len()).filter(|it| !used.contains(it) && places.contains(&Some(*it))) {
         let after = stretches.partition_point(|it| it[0] < at);
-        if (1..stretches.len()).contains(&after) {
+        let before = after.saturating_sub(1);
+        if after == 0 || after == stretches.len() || ends[before] > at {
+            stretches[before].push(at);
+        } else {
             let outside = [after - 1, after].map(|it| outside(pictures, &stretches[it], at, lit, noise));
             let nearer = if outside[0] <= outside[1] { after - 1 } else { after };
             stretches[nearer].push(at);
@@ -152,7 +156,9 @@ fn in_stretches(
     };
     let worth = |it: &usize| {
         let stretch = &stretches[*it];
-        (Axis::BOTH.into_iter().filter(|axis| is_told(stretch, *axis)).count(), stretch.len())
+        let told = Axis::BOTH.map(|axis| is_told(stretch, axis));
+        // Of one axis each, columns tell more: most cameras stand beside the projector.
+        (told.iter().filter(|it| **it).count(), told[Axis::Columns.index()], stretch.len())
     };
     let kept = (0..stretches.len()).max_by_key(worth)?;
     let light = stretches.windows(2).map(|it| light(sums, [&it[0], &it[1]], noise)).collect();

@@ -337,7 +337,7 @@ mod tests {
             assert!(all.iter().all(|it| (it - all[31]).abs() < 1.0), "seed {seed}: {all:?}");
         }
         let moved = |it: &mut Vec<Vec<u8>>| it[16..].iter_mut().for_each(|it| it.rotate_right(5));
-        check(moved, &["something moved"], &[Axis::Rows]);
+        check(moved, &["something moved"], &[Axis::Columns]);
     }
 
     /// The wall's pictures with so many times the room's light of each, which is 14 gray levels times the surface's albedo.

@@ -77,6 +77,20 @@ fn phase_steps_that_are_none_are_named() {
 }
 
 #[test]
+fn rows_are_kept_with_their_steps_where_something_moved_before_them() {
+    // Before the last bit of the columns, before their steps, and among these.
+    for (step, before) in [(0, 1), (0, 0), (3, 0)] {
+        let (said, usable) = of_steps(8, |pictures, place| {
+            pictures[place(step) - before..].iter_mut().for_each(|it| it.rotate_right(5));
+        });
+        assert!(
+            said.iter().any(|it| it.contains("something moved")) && usable == [Axis::Rows],
+            "{step}, {before}: {said:?}"
+        );
+    }
+}
+
+#[test]
 fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
     // The projector reaches a part of the rows, and pixels lie in the middle of its boundaries.
     let code = StripeCode::gray([160, 128]);
