@@ -12,12 +12,15 @@ use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::{PhaseOptions, Steps};
-use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase, response};
+use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, SetFault, edges, examine, phase, response};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::words::{exchanged_in_words, out_of_focus_in_words, soft_in_words, steps_in_words, too_fine_in_words};
+use self::words::{
+    exchanged_in_words, lacking_finest_in_words, out_of_focus_in_words, soft_in_words, steps_in_words,
+    too_fine_in_words,
+};
 use crate::moved::Blocks;
 use crate::pattern::{PatternSettings, calibrated_size, projector_of};
 
@@ -300,17 +303,26 @@ impl Decoder {
             ));
         }
         let axes = found.usable(&code);
+        let for_want = |axis: Axis| {
+            let lacking: Vec<String> = found.lacking(&code, axis).iter().map(Shown::to_string).collect();
+            match lacking.len() {
+                0 => String::new(),
+                1..=NAMED => format!(" for want of {}", lacking.join(" and of ")),
+                n => format!(" for want of {n} pictures"),
+            }
+        };
         if axes.is_empty() {
+            // Of pictures that could not be told at all nothing lacks in particular.
+            let moved = found.faults.iter().any(|it| matches!(it, SetFault::Moved { .. }));
+            let left_out =
+                Axis::BOTH.into_iter().filter(|it| moved && code.has(*it)).map(|axis| (axis, for_want(axis)));
+            let words = left_out.filter(|it| !it.1.is_empty());
+            faults.extend(words.map(|(axis, help)| format!("the {} cannot be decoded{help}", axis.in_words())));
             return Err(faults);
         }
         for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it) && !axes.contains(it)) {
             let other = Axis::BOTH[1 - axis.index()].in_words();
-            let lacking: Vec<String> = found.lacking(&code, axis).iter().map(Shown::to_string).collect();
-            let help = match lacking.len() {
-                0 => String::new(),
-                1..=NAMED => format!(" for want of {}", lacking.join(" and of ")),
-                n => format!(" for want of {n} pictures"),
-            };
+            let help = for_want(axis);
             faults.push(format!(
                 "the {} are left out{help}, and points come from the {other} alone: where these do not tell depths well, between camera and projector, errors of the calibration are not in their sigma, and \
                  nothing shows them",
@@ -318,6 +330,9 @@ impl Decoder {
             ));
         }
         let all_shown = code.pictures();
+        faults.extend(Axis::BOTH.into_iter().filter(|it| axes.contains(it)).filter_map(|axis| {
+            lacking_finest_in_words(axis, code.bits[axis.index()], found.finest_left_out(&code)[axis.index()])
+        }));
         let Prepared { code, pictures, worked_out } = found.prepared(&code, &views);
         let (steps, bits): (Vec<&Shown>, Vec<&Shown>) =
             worked_out.iter().partition(|it| matches!(it, Shown::Phase { .. }));

@@ -7,18 +7,18 @@
 
 mod layouts;
 mod light;
+mod open;
+mod prepared;
 mod rules;
 
-use std::borrow::Cow;
-
 use self::layouts::Layouts;
+pub use self::prepared::Prepared;
 use self::rules::Set;
-use super::code::{Axis, Group, Inverse, Shown, StripeCode};
+use super::code::{Axis, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
 use super::exposure;
 use super::faults::SetFault;
 use super::stretches;
-use super::wave_steps::{self, LEAST_STEPS};
 use crate::ImageView;
 
 /// What was found about a set.
@@ -38,126 +38,6 @@ pub struct Examination {
     uneven: Vec<(usize, f64)>,
     /// Pictures under another light, with that taken off.
     relit: Vec<(usize, Vec<u8>)>,
-}
-
-/// A set as it is to be decoded.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Prepared<'a> {
-    /// Without the axes that are left out, and without white or black where these are not there.
-    pub code: StripeCode,
-    /// By place in `code`.
-    pub pictures: Vec<Cow<'a, [u8]>>,
-    /// Which of them were worked out: the other of their bit taken from white and black together.
-    pub worked_out: Vec<Shown>,
-}
-
-impl Examination {
-    /// The picture that shows something.
-    fn picture(&self, code: &StripeCode, what: Shown) -> Option<usize> {
-        code.pictures().iter().position(|it| *it == what).and_then(|it| self.places.get(it).copied().flatten())
-    }
-
-    /// The picture that shows what belongs at a place of the set.
-    pub fn picture_at(&self, place: usize) -> Option<usize> {
-        self.places.get(place).copied().flatten()
-    }
-
-    fn has_white_and_black(&self, code: &StripeCode) -> bool {
-        [Shown::White, Shown::Black].iter().all(|it| self.picture(code, *it).is_some())
-    }
-
-    /// What an axis lacks to be decoded: pictures that are not there and cannot be worked out from others.
-    pub fn lacking(&self, code: &StripeCode, axis: Axis) -> Vec<Shown> {
-        let has_both = self.has_white_and_black(code);
-        let is_there = |what: Shown| self.picture(code, what).is_some();
-        let mut list: Vec<Shown> = (0..code.steps)
-            .map(|step| Shown::Phase { axis, step })
-            .filter(|it| code.place(*it).is_some() && !is_there(*it))
-            .collect();
-        if list.len() + LEAST_STEPS <= code.steps as usize {
-            list.clear();
-        }
-        for plane in 0..code.bits[axis.index()] {
-            let [bit, inverse] = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
-            let there = [bit, inverse].map(is_there);
-            let is_known = has_both && !self.unsure.contains(&(axis, plane));
-            match (code.inverse, there) {
-                (Inverse::None, [true, _]) | (_, [true, true]) => {}
-                (Inverse::None, [false, _]) => list.push(bit),
-                (_, [true, false] | [false, true]) if is_known => {}
-                (_, [is_bit, is_inverse]) => {
-                    list.extend((!is_bit).then_some(bit).into_iter().chain((!is_inverse).then_some(inverse)));
-                }
-            }
-        }
-        list
-    }
-
-    /// The axes that can be decoded.
-    pub fn usable(&self, code: &StripeCode) -> Vec<Axis> {
-        // Without inverse pictures, white and black are the threshold.
-        let needs_both = code.inverse == Inverse::None && !self.has_white_and_black(code);
-        let is_spoilt = |axis: Axis| {
-            needs_both
-                || self.faults.iter().any(|it| it.spoils(axis, code.inverse == Inverse::None))
-                || !self.lacking(code, axis).is_empty()
-        };
-        Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
-    }
-
-    /// What [`super::decode()`] takes, of the axes that can be decoded; `pictures` are those that were examined.
-    pub fn prepared<'a>(&self, code: &StripeCode, pictures: &[ImageView<'a>]) -> Prepared<'a> {
-        let axes = self.usable(code);
-        let is_kept = |it: &Group| match it {
-            Group::Stripes(axis) => axes.contains(axis),
-            Group::White => self.picture(code, Shown::White).is_some(),
-            Group::Black => self.picture(code, Shown::Black).is_some(),
-        };
-        let left = StripeCode { order: code.order.iter().copied().filter(is_kept).collect(), ..code.clone() };
-        let taken = |what: Shown| -> Option<Cow<'a, [u8]>> {
-            let picture = self.picture(code, what)?;
-            let pixels = pictures.get(picture)?.pixels();
-            if let Some((_, relit)) = self.relit.iter().find(|it| it.0 == picture) {
-                return Some(Cow::Owned(relit.clone()));
-            }
-            Some(match self.uneven.iter().find(|it| it.0 == picture) {
-                Some((_, factor)) => Cow::Owned(exposure::evened(pixels, *factor)),
-                None => Cow::Borrowed(pixels),
-            })
-        };
-        let mut worked_out = Vec::new();
-        let list = left.pictures().into_iter().map(|what| {
-            if let Some(it) = taken(what) {
-                return it;
-            }
-            worked_out.push(what);
-            let other = match what {
-                Shown::Bit { axis, plane, inverse } => taken(Shown::Bit { axis, plane, inverse: !inverse }),
-                Shown::White | Shown::Black | Shown::Boundary { .. } => None,
-                Shown::Phase { axis, step } => {
-                    let steps: Vec<(usize, Cow<'a, [u8]>)> = (0..code.steps)
-                        .filter_map(|step| Some((step as usize, taken(Shown::Phase { axis, step })?)))
-                        .collect();
-                    let (there, pixels): (Vec<usize>, Vec<&[u8]>) = steps.iter().map(|it| (it.0, &*it.1)).unzip();
-                    if let Some(it) = wave_steps::worked_out(&pixels, &there, step as usize, code.steps as usize) {
-                        return Cow::Owned(it);
-                    }
-                    None
-                }
-            };
-            match (taken(Shown::White), taken(Shown::Black), other) {
-                (Some(white), Some(black), Some(other)) => {
-                    let sums = white.iter().zip(black.iter()).map(|it| i16::from(*it.0) + i16::from(*it.1));
-                    Cow::Owned(
-                        sums.zip(other.iter()).map(|(sum, it)| (sum - i16::from(*it)).clamp(0, 255) as u8).collect(),
-                    )
-                }
-                _ => unreachable!("an axis that lacks a picture is not usable"),
-            }
-        });
-        let pictures = list.collect();
-        Prepared { code: left, pictures, worked_out }
-    }
 }
 
 /// Pixels that are looked at, and those that are where something is wrong.
@@ -237,6 +117,30 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
 
 /// The same, with the exposures that pictures have, and the pixels that are lit.
 fn look(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+) -> (Examination, Vec<(usize, u8, u8)>) {
+    let (mut found, lit) = at_first_sight(code, pictures, absent, min_contrast);
+    if open::is_open(code, &found)
+        && let Some((width, height)) = pictures.first().map(|it| it.size())
+    {
+        let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
+        let step = ((width * height) as f64 / SAMPLES as f64).sqrt().ceil() as usize;
+        let row = |y: usize| (0..width).step_by(step).map(move |x| y * width + x);
+        let samples: Vec<usize> = (0..height).step_by(step).flat_map(row).collect();
+        let least = (NOISE_RANGE * found.noise).max(f64::from(min_contrast.max(1)));
+        let even = lit_of(&samples, &Wild::of(code, &present).ranges(pictures, &samples), least);
+        let (shown, skipped) = (code.pictures(), absent.to_vec());
+        let set = Set { code, pictures, shown: &shown, lit: &even, width, noise: found.noise, skipped };
+        open::settle(&set, &mut found);
+    }
+    (found, lit)
+}
+
+/// As [`look`], with what the rules of a Gray code leave open.
+fn at_first_sight(
     code: &StripeCode,
     pictures: &[ImageView<'_>],
     absent: &[usize],

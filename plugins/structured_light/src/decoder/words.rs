@@ -46,6 +46,20 @@ pub(super) fn too_fine_in_words(
     Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
 }
 
+/// What is said of an axis of `bits` bits whose finest ones, so many, are not there.
+pub(super) fn lacking_finest_in_words(axis: Axis, bits: u32, lacking: u32) -> Option<String> {
+    let planes: Vec<String> = (bits - lacking..bits).map(|it| it.to_string()).collect();
+    let which = if lacking == 1 { "bit" } else { "bits" };
+    (lacking > 0).then(|| {
+        format!(
+            "the {} are decoded without {which} {}, for want of the pictures: stripes are {} times as wide, and places between their boundaries are interpolated",
+            axis.in_words(),
+            planes.join(" and "),
+            1 << lacking
+        )
+    })
+}
+
 /// What is said of a camera that blurs by a standard deviation of `sigma` px.
 pub(super) fn out_of_focus_in_words(sigma: f64) -> Option<String> {
     (sigma > OUT_OF_FOCUS).then(|| {

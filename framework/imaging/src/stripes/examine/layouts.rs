@@ -370,8 +370,10 @@ mod tests {
                 let mut pictures = wall_set(1);
                 pictures.drain(first + 2 * plane..first + 2 * plane + 2);
                 let found = examined(&wall_code(), &pictures);
+                let by_width = |it: &&SetFault| !matches!(it, SetFault::ByWidth { .. });
+                let faults: Vec<SetFault> = found.faults[1..].iter().filter(by_width).cloned().collect();
                 // Bits that are one value all over the wall are told from no other one, nor is the coarsest from the finest.
-                let bits: Vec<u32> = match &found.faults[1..] {
+                let bits: Vec<u32> = match &faults[..] {
                     [SetFault::MissingBits { axis: of, planes, pictures: 2 }] if *of == axis => planes.clone(),
                     [SetFault::Missing { shown: a, .. }, SetFault::Missing { shown: b, .. }]
                         if a.axis() == Some(axis) && bit_of(a) == bit_of(b) =>
@@ -381,8 +383,10 @@ mod tests {
                     other => panic!("bit {plane} of the {axis:?}: {other:?}"),
                 };
                 assert!(bits.contains(&(plane as u32)), "bit {plane} of the {axis:?}: {bits:?}");
-                let other = Axis::BOTH[1 - axis.index()];
-                assert_eq!(found.usable(&wall_code()), [other], "bit {plane} of the {axis:?}");
+                // Without its finest bit an axis has wider stripes.
+                let is_left = |it: &Axis| *it != axis || plane + 1 == n;
+                let usable: Vec<Axis> = Axis::BOTH.into_iter().filter(is_left).collect();
+                assert_eq!(found.usable(&wall_code()), usable, "bit {plane} of the {axis:?}");
             }
         }
     }

@@ -26,6 +26,12 @@ pub(super) struct Set<'a> {
 }
 
 impl Set<'_> {
+    /// Columns and rows of a picture [px].
+    pub(super) fn size(&self) -> [f64; 2] {
+        let rows = self.pictures.first().map_or(0, |it| it.height());
+        [self.width, rows].map(|it| it as f64)
+    }
+
     fn level(&self, picture: usize, at: usize) -> f64 {
         f64::from(self.pictures[picture].pixels()[at])
     }
@@ -258,9 +264,7 @@ impl Set<'_> {
                 };
                 let difference = lit.unwrap_or(0.0) - unlit.unwrap_or(0.0);
                 ones |= u32::from(difference > 0.0) << plane;
-                certain |=
-                    u32::from(difference.abs() >= (0.25 * f64::from(high - low)).max(5.0).max(NOISE_SUM * self.noise))
-                        << plane;
+                certain |= u32::from(difference.abs() >= self.certain(low, high)) << plane;
             }
             (at, ones, certain)
         };
@@ -313,6 +317,31 @@ impl Set<'_> {
         };
         let rates = right.iter().zip(is_wide).map(|(counts, is_wide)| judge(counts).filter(|_| is_wide));
         (rates.collect(), pixels)
+    }
+
+    /// The number of the stripe that a pixel is lit by, of bits whose pictures and inverses are these; of one of them the other is what lacks to dark and bright together. `None` where a bit is not certain.
+    pub(super) fn number(&self, planes: &[[Option<usize>; 2]], &(at, low, high): &(usize, u8, u8)) -> Option<u32> {
+        let sum = f64::from(low) + f64::from(high);
+        let (mut bit, mut number) = (false, 0);
+        for pictures in planes {
+            let difference = match pictures.map(|it| it.map(|it| self.level(it, at))) {
+                [Some(lit), Some(unlit)] => lit - unlit,
+                [Some(lit), None] => 2.0 * lit - sum,
+                [None, Some(unlit)] => sum - 2.0 * unlit,
+                [None, None] => return None,
+            };
+            if difference.abs() < self.certain(low, high) {
+                return None;
+            }
+            bit ^= difference > 0.0;
+            number = number << 1 | u32::from(bit);
+        }
+        Some(number)
+    }
+
+    /// What a picture and its inverse differ by where a bit is certain [gray levels].
+    fn certain(&self, low: u8, high: u8) -> f64 {
+        (0.25 * f64::from(high - low)).max(5.0).max(NOISE_SUM * self.noise)
     }
 
     /// By bit whether its stripes are so much wider than pixels that the next pixel beside a change of another bit is within the same stripe.
