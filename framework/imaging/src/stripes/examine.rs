@@ -10,6 +10,7 @@ mod light;
 mod open;
 mod prepared;
 mod rules;
+mod still;
 
 use self::layouts::Layouts;
 pub use self::prepared::Prepared;
@@ -257,6 +258,14 @@ fn at_first_sight(
         found.places.iter_mut().for_each(|it| *it = it.filter(|it| used.contains(it)));
         let wild = Wild::of(code, used);
         lit = lit_of(&samples, &wild.ranges(pictures, &samples), least);
+    }
+    if let Some((used, faults)) =
+        still::of_one_scene(&Set { code, pictures, shown: &shown, lit: &lit, width, noise, skipped: skipped.clone() })
+    {
+        found.faults.extend(faults);
+        skipped.extend((0..pictures.len()).filter(|it| !used.contains(it) && !absent.contains(it)));
+        found.places.iter_mut().for_each(|it| *it = it.filter(|it| used.contains(it)));
+        lit = lit_of(&samples, &Wild::of(code, &used).ranges(pictures, &samples), least);
     }
     let odd = set(&lit, skipped.clone()).odd();
     for (picture, fault) in odd {
