@@ -95,7 +95,9 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
     // Where something is wrong with a whole set, its pictures may well stand in their places.
     let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
     let is_whole = pictures.len() == n;
-    let places: Vec<Option<usize>> = if is_whole { natural() } else { found.places.clone() };
+    // Pictures that are taken for each other are of no other exposure: a step is brighter than a bit's inverse.
+    let is_put_right = found.faults.iter().any(|it| matches!(it, SetFault::Exchanged { mended: true, .. }));
+    let places: Vec<Option<usize>> = if is_whole && !is_put_right { natural() } else { found.places.clone() };
     if is_whole && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places)
     {
         return without;
@@ -220,6 +222,10 @@ fn at_first_sight(
             found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
             return (found, lit);
         }
+        if let Some(other) = layouts.other_waves() {
+            found.faults.push(SetFault::OtherWaves { steps: other.steps, period: other.period, found: n });
+            return (found, lit);
+        }
         if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {
             found.faults.push(SetFault::OtherSize { bits, found: n });
             return (found, lit);
@@ -286,6 +292,17 @@ fn at_first_sight(
         }));
     }
     set(&lit).tell_other_scenes(&mut faults);
+    if faults.is_empty() && code.steps > 0 {
+        let few = set(&lit);
+        let layouts = Layouts::of(&few);
+        if layouts.has_bits_for_steps(code)
+            && let Some(other) = layouts.other_waves()
+        {
+            let n = pictures.len();
+            found.faults.push(SetFault::OtherWaves { steps: other.steps, period: other.period, found: n });
+            return (found, lit);
+        }
+    }
     // What moved in a part of the picture alone spoils that part and not the set.
     faults.retain(|it| !is_sound || matches!(it, SetFault::OtherScene { .. }));
     if faults.is_empty() {
@@ -317,6 +334,10 @@ fn at_first_sight(
     }
     if let Some(other) = layouts.whole(&signs) {
         found.faults.push(SetFault::OtherOrder { code: Box::new(other) });
+        return (found, lit);
+    }
+    if let Some(other) = layouts.other_waves() {
+        found.faults.push(SetFault::OtherWaves { steps: other.steps, period: other.period, found: n });
         return (found, lit);
     }
     if let Some(bits) = explain::other_bits(code, n, &all.skipped, &signs) {

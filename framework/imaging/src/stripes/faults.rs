@@ -166,6 +166,15 @@ pub enum SetFault {
         /// How many pictures there are.
         found: usize,
     },
+    /// The pictures are a whole set of other phase steps, or of another period.
+    OtherWaves {
+        /// How many steps they have.
+        steps: u32,
+        /// Their period [px].
+        period: u32,
+        /// How many pictures there are.
+        found: usize,
+    },
     /// The projector lights most of what it reaches too weakly.
     Dim {
         /// Part of the pixels that it lights well enough [–].
@@ -329,6 +338,7 @@ impl SetFault {
             SetFault::Size { .. }
             | SetFault::OtherOrder { .. }
             | SetFault::OtherSize { .. }
+            | SetFault::OtherWaves { .. }
             | SetFault::TooDark { .. }
             | SetFault::Alike { .. } => true,
         }

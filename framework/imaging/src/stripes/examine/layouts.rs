@@ -18,6 +18,8 @@ const FEW: usize = 4000;
 const SAME: f64 = 0.12;
 /// A picture may be white (black) where it is not the brightest (darkest) in this part of the pixels at most [–].
 const FLAT: f64 = 0.1;
+/// Phase steps of other sets that are tried.
+const MOST_STEPS: u32 = 16;
 /// Of the bits whose order changes of coarser ones tell, so many have to be told [–].
 const TOLD: f64 = 0.5;
 
@@ -306,6 +308,41 @@ impl<'a> Layouts<'a> {
         others.retain(|it| it.pictures().len() == n);
         others.sort_by_key(off);
         self.best(others.into_iter(), looks)
+    }
+}
+
+impl Layouts<'_> {
+    /// Whether neighbouring phase steps of a code are each other's inverse, as a bit and its inverse are.
+    pub(super) fn has_bits_for_steps(&self, code: &StripeCode) -> bool {
+        let roles = code.pictures();
+        let are_steps =
+            |it: &[Shown]| matches!(it, [Shown::Phase { axis: a, .. }, Shown::Phase { axis: b, .. }] if a == b);
+        let n = roles.len().min(self.set.pictures.len());
+        (1..n).any(|it| are_steps(&roles[it - 1..=it]) && self.not_inverse[it - 1][it] < SAME)
+    }
+
+    /// The phase steps and the period of which these pictures are a whole set, in the order of the code.
+    pub(super) fn other_waves(&self) -> Option<StripeCode> {
+        let code = self.set.code;
+        // Pictures of a bit beside their inverse are told from steps: neighbouring ones are none.
+        if code.steps == 0 || !matches!(code.inverse, Inverse::After | Inverse::Before) {
+            return None;
+        }
+        let n = self.set.pictures.len();
+        let all = (2..=7).flat_map(|it| (3..=MOST_STEPS).map(move |steps| [steps, 1 << it]));
+        let others = all.map(|[steps, period]| StripeCode {
+            order: code.order.clone(),
+            inverse: code.inverse,
+            fine_first: code.fine_first,
+            ..StripeCode::phase(code.projector, steps, period)
+        });
+        let is_other = |it: &StripeCode| it != code && it.check().is_ok() && it.pictures().len() == n;
+        let places: Places = (0..n).map(Some).collect();
+        let mut holding = others
+            .filter(is_other)
+            .filter(|it| !self.has_bits_for_steps(it) && self.holds(it, &it.pictures(), &places));
+        // One alone: more of them say nothing.
+        holding.next().filter(|_| holding.next().is_none())
     }
 }
 

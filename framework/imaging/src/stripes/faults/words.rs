@@ -165,6 +165,10 @@ impl SetFault {
                     range(*rows)
                 )
             }
+            SetFault::OtherWaves { steps, period, found } => format!(
+                "the {found} pictures are a whole set with `pattern.steps = {steps}` and `pattern.period_px = {period}`, expected {} steps with a period of {} px",
+                code.steps, code.period
+            ),
             SetFault::Dim { lit, reached, needed } => format!(
                 "of the {:.0} % of the pixels that the projector reaches, it lights only {:.1} % of the picture by the {needed} gray levels that are needed: too dark: a longer exposure, a wider aperture, more gain or less \
                  other light would help",

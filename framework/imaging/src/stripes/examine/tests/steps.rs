@@ -91,6 +91,32 @@ fn rows_are_kept_with_their_steps_where_something_moved_before_them() {
 }
 
 #[test]
+fn a_set_of_other_steps_or_another_period_is_told_its_settings() {
+    let set = |steps, period| StripeCode::phase([160, 120], steps, period);
+    for ((steps, period), (stated_steps, stated_period)) in
+        [((8, 8), (4, 8)), ((4, 8), (8, 8)), ((8, 16), (8, 8)), ((8, 8), (8, 16)), ((8, 16), (6, 8)), ((6, 8), (8, 16))]
+    {
+        let pictures = wall(3).pictures(&set(steps, period));
+        let found = examined(&set(stated_steps, stated_period), &pictures);
+        let n = pictures.len();
+        assert_eq!(found.faults, [SetFault::OtherWaves { steps, period, found: n }], "{stated_steps}, {stated_period}");
+        assert_eq!(found.usable(&set(stated_steps, stated_period)), []);
+    }
+}
+
+#[test]
+fn a_bit_and_a_phase_step_in_each_others_places_are_no_exposure() {
+    let mut n_mended = 0;
+    for (bit, step) in [2, 3, 6, 7].into_iter().flat_map(|bit| (0..8).map(move |step| (bit, step))) {
+        let (said, usable) = of_steps(8, |pictures, place| pictures.swap(bit, place(step)));
+        let is_mended = said.iter().any(|it| it.contains("stand in each other's places"));
+        assert!(!is_mended || said.len() == 1 && usable == Axis::BOTH, "{bit}, {step}: {said:?}");
+        n_mended += usize::from(is_mended);
+    }
+    assert!(n_mended >= 16, "{n_mended}");
+}
+
+#[test]
 fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
     // The projector reaches a part of the rows, and pixels lie in the middle of its boundaries.
     let code = StripeCode::gray([160, 128]);
