@@ -1,8 +1,10 @@
 //! Voxels of tubes with round ends, for tests.
 
-use nalgebra::{Point3, Vector3};
+use foveate_estimation::random::Random;
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::field::VoxelField;
+use super::parts::Joint;
 
 /// Edge of a voxel [m].
 pub(super) const SIZE: f64 = 0.03;
@@ -45,4 +47,164 @@ pub(super) fn indices(tubes: &[Tube]) -> Vec<[u16; 3]> {
 
 pub(super) fn field(tubes: &[Tube]) -> VoxelField {
     VoxelField::new(SIZE, &ORIGIN, &indices(tubes)).unwrap()
+}
+
+/// How somebody stands.
+#[derive(Debug, Clone)]
+pub(super) struct Stance {
+    /// [m]
+    pub stature: f64,
+    /// Across, over what is common [–].
+    pub wide: f64,
+    /// Legs outwards [rad].
+    pub spread: f64,
+    /// Arms outwards, left and right [rad].
+    pub arms: [f64; 2],
+    /// Elbows, left and right [rad].
+    pub elbows: [f64; 2],
+    /// Knees, left and right; thighs go forward half as far [rad].
+    pub knees: [f64; 2],
+    /// The trunk forwards [rad].
+    pub lean: f64,
+    /// [rad]
+    pub heading: f64,
+    /// [m]
+    pub at: [f64; 2],
+}
+
+impl Stance {
+    /// Somebody upright whose legs are parallel or nearly so, of any size.
+    pub fn upright(random: &mut Random) -> Self {
+        let arm = random.uniform_in(0.12, 1.4);
+        Self {
+            stature: random.uniform_in(1.15, 1.95),
+            wide: random.uniform_in(0.85, 1.2),
+            spread: random.uniform_in(0.0, 0.12),
+            arms: [arm, arm + random.uniform_in(-0.1, 0.1)],
+            elbows: [random.uniform_in(0.05, 0.3), random.uniform_in(0.05, 0.3)],
+            knees: [0.05; 2],
+            lean: random.uniform_in(-0.05, 0.1),
+            heading: random.uniform_in(0.0, std::f64::consts::TAU),
+            at: [random.uniform_in(-0.3, 0.3), random.uniform_in(-0.3, 0.3)],
+        }
+    }
+
+    /// The same in any stance: arms up or down, elbows and knees bent, stooping.
+    pub fn vary(&mut self, random: &mut Random) {
+        self.arms = [0; 2].map(|_| random.uniform_in(0.1, 2.7));
+        self.elbows = [0; 2].map(|_| random.uniform_in(0.0, 2.0));
+        self.knees = [0; 2].map(|_| random.uniform_in(0.0, 1.0));
+        self.lean = random.uniform_in(-0.1, 0.6);
+    }
+
+    /// Its tubes, and where its joints are. Its proportions are not those of the model.
+    pub fn drawn(&self) -> (Vec<Tube>, Vec<(Joint, Point3<f64>)>) {
+        let s = self.stature / 1.75;
+        let w = s * self.wide;
+        let lean = Rotation3::from_axis_angle(&Vector3::y_axis(), self.lean);
+        let v = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
+        let pelvis = Vector3::zeros();
+        let chest = lean * v(0.0, 0.0, 0.44 * s);
+        let neck = chest + lean * v(0.0, 0.0, 0.09 * s);
+        let head = neck + v(0.03, 0.0, 0.16) * s;
+        let mut joints = vec![(Joint::Head, head), (Joint::Neck, neck)];
+        let mut tubes = vec![
+            ([pelvis, pelvis + lean * v(0.0, 0.0, 0.12 * s)], 0.115 * w),
+            ([chest, head], 0.055 * s),
+            ([head - v(0.0, 0.0, 0.03 * s), head + v(0.0, 0.0, 0.035 * s)], 0.085 * s),
+        ];
+        for (i, side) in [1.0, -1.0].into_iter().enumerate() {
+            let names = if i == 0 {
+                [
+                    Joint::LeftShoulder,
+                    Joint::LeftElbow,
+                    Joint::LeftWrist,
+                    Joint::LeftHip,
+                    Joint::LeftKnee,
+                    Joint::LeftAnkle,
+                ]
+            } else {
+                [
+                    Joint::RightShoulder,
+                    Joint::RightElbow,
+                    Joint::RightWrist,
+                    Joint::RightHip,
+                    Joint::RightKnee,
+                    Joint::RightAnkle,
+                ]
+            };
+            tubes.push((
+                [v(0.0, side * 0.07 * w, 0.03 * s), chest + lean * v(0.0, side * 0.088 * w, -0.02 * s)],
+                0.105 * w,
+            ));
+            let shoulder = chest + lean * v(0.0, side * 0.185 * w, 0.03 * s);
+            let way = lean * v(0.0, side * self.arms[i].sin(), -self.arms[i].cos());
+            let elbow = shoulder + way * (0.29 * s);
+            // Elbows bend forwards.
+            let about = nalgebra::Unit::new_normalize(way.cross(&Vector3::x()));
+            let lower = Rotation3::from_axis_angle(&about, self.elbows[i]) * way;
+            let wrist = elbow + lower * (0.26 * s);
+            tubes.push(([shoulder, elbow], 0.047 * s * self.wide.sqrt()));
+            tubes.push(([elbow, wrist], 0.038 * s));
+            tubes.push(([wrist, wrist + lower * (0.1 * s)], 0.036 * s));
+            let hip = v(0.0, side * 0.09 * w, -0.02 * s);
+            let [thigh, calf] = [self.knees[i] / 2.0, -self.knees[i] / 2.0]
+                .map(|it| v(it.sin(), side * self.spread, -it.cos()).normalize());
+            let knee = hip + thigh * (0.43 * s);
+            let ankle = knee + calf * (0.42 * s);
+            tubes.push(([hip, knee], 0.075 * s * self.wide.sqrt()));
+            tubes.push(([knee, ankle], 0.052 * s));
+            tubes.push(([ankle, ankle + v(0.17, 0.0, -0.04) * s], 0.04 * s));
+            joints.extend(names.into_iter().zip([shoulder, elbow, wrist, hip, knee, ankle]));
+        }
+        let lowest = tubes.iter().map(|([a, b], radius)| a.z.min(b.z) - radius).fold(f64::INFINITY, f64::min);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), self.heading);
+        let stand = |it: Vector3<f64>| Point3::from(turn * (it - v(0.0, 0.0, lowest)) + v(self.at[0], self.at[1], 0.0));
+        let tubes = tubes.into_iter().map(|(ends, radius)| (ends.map(stand), radius)).collect();
+        (tubes, joints.into_iter().map(|(joint, at)| (joint, stand(at))).collect())
+    }
+}
+
+/// Cameras in a ring of 3.5 m at two heights, not quite even.
+pub(super) fn ring(n: usize, random: &mut Random) -> Vec<Point3<f64>> {
+    let place = |i: usize, random: &mut Random| {
+        let angle = std::f64::consts::TAU * i as f64 / n as f64 + 0.08 * random.normal();
+        let height = if i % 2 == 0 { 1.0 } else { 1.9 };
+        Point3::new(3.5 * angle.cos(), 3.5 * angle.sin(), height + 0.1 * random.normal())
+    };
+    (0..n).map(|it| place(it, random)).collect()
+}
+
+/// What perfect silhouettes from these places leave over: cubes whose middles lie before or behind a tube in each.
+pub(super) fn hull(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> VoxelField {
+    let (mut low, mut high) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
+    for (ends, radius) in tubes {
+        for end in ends {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(end[axis] - radius - 0.15);
+                high[axis] = high[axis].max(end[axis] + radius + 0.15);
+            }
+        }
+    }
+    low.z = 0.0;
+    let n = (high - low).map(|it| (it / size).ceil() as u16);
+    let is_seen = |place: &Point3<f64>| {
+        cameras.iter().all(|from| tubes.iter().any(|(ends, radius)| passes(from, place, ends) < *radius))
+    };
+    let all = (0..n.x).flat_map(|x| (0..n.y).flat_map(move |y| (0..n.z).map(move |z| [x, y, z])));
+    let inside = all.filter(|it| is_seen(&(low + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * size)));
+    VoxelField::new(size, &low, &inside.collect::<Vec<_>>()).unwrap()
+}
+
+/// How near the line of sight from `from` through `place` passes a piece of a line [m].
+fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) -> f64 {
+    let way = (place - from).normalize();
+    let off = |it: &Point3<f64>| {
+        let away = it - from;
+        away - way * away.dot(&way)
+    };
+    // Both seen along the line of sight: distance of the origin from a piece in a plane.
+    let (first, along) = (off(a), off(b) - off(a));
+    let share = (-first.dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+    (first + along * share).norm()
 }

@@ -136,6 +136,15 @@ pub fn find_limb(
     Some(LimbFound { limb, turns, inside, filled, bend, score: inside + 2.0 * filled })
 }
 
+/// Whether the upper part of a limb can point there from its joint.
+pub(super) fn can_point(body: &Body, limb: Limb, way: &Vector3<f64>) -> bool {
+    let torso = body.turn(Part::Torso);
+    // Legs do not go up past the horizontal by much, nor to the other side: hips are a hand's width apart, and either leg could be taken for the other. Arms reach across.
+    let side = if matches!(limb, Limb::LeftArm | Limb::LeftLeg) { 1.0 } else { -1.0 };
+    let out = way.dot(&(torso * Vector3::y())) * side;
+    if limb.is_leg() { way.dot(&(torso * Vector3::z())) < 0.4 && out > -0.2 } else { out > -0.6 }
+}
+
 impl Search<'_> {
     /// How good a place on the axis is, from −1 to 1: as deep in free voxels as the part is thick.
     fn at(&self, place: &Point3<f64>, radius: f64, must_be_free: bool) -> f64 {
@@ -213,14 +222,7 @@ impl Search<'_> {
     }
 
     fn best(&self, body: &Body, limb: Limb, predicted: Option<&[Vector3<f64>; 2]>) -> Option<[Vector3<f64>; 2]> {
-        let torso = body.turn(Part::Torso);
-        let up = torso * Vector3::z();
-        // Legs do not go up past the horizontal by much, nor to the other side: hips are a hand's width apart, and either leg could be taken for the other. Arms reach across.
-        let side = if matches!(limb, Limb::LeftArm | Limb::LeftLeg) { 1.0 } else { -1.0 };
-        let out = torso * Vector3::y() * side;
-        let is_possible = |way: &Vector3<f64>| {
-            if limb.is_leg() { way.dot(&up) < 0.4 && way.dot(&out) > -0.2 } else { way.dot(&out) > -0.6 }
-        };
+        let is_possible = |way: &Vector3<f64>| can_point(body, limb, way);
         let mut close: Vec<(f64, [Vector3<f64>; 2])> = Vec::new();
         let lowers = ways::<N_LOWER>();
         for upper in ways::<N_UPPER>().into_iter().filter(is_possible) {

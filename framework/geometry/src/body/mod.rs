@@ -33,6 +33,8 @@ pub mod people;
 pub mod proportions;
 mod smooth;
 mod solid;
+#[cfg(test)]
+mod standing;
 pub mod tracker;
 
 pub use acquire::{AcquisitionFailure, AcquisitionOptions};

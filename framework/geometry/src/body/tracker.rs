@@ -16,6 +16,7 @@ use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions, joint_sigma};
 
 mod levels;
+mod rest;
 
 /// All that a tracker is told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -133,6 +134,11 @@ pub struct BodyTracker {
 /// Frames between two looks whether straight limbs bend, and between two searches for absent ones: each takes as long as a frame.
 const LOOK_EVERY: u64 = 3;
 
+/// Limbs reach for what no part has where that is a larger share of the skin [–]: a calf is a tenth of it.
+const REST_FROM: f64 = 0.03;
+/// So often at the beginning [–]: once for each limb.
+const REACHES: usize = 4;
+
 /// A body that leaves this share of the skin to no part is looked for anew, once in so many frames; what is found takes its place if it leaves so much less.
 const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
@@ -216,6 +222,8 @@ impl BodyTracker {
         let begin = tracker.filter.clone();
         tracker.update(field, &[], 8);
         tracker.search_absent(field);
+        tracker.update(field, &[], 8);
+        tracker.reach_for_rest(field, &[], REACHES);
         // All of it again from the start, so that nothing counts twice.
         let (layout, body) = (*tracker.filter.layout(), tracker.filter.body.clone());
         tracker.filter = begin;
@@ -263,8 +271,13 @@ impl BodyTracker {
         }
         self.judge_trunk(field, dt_s);
         self.judge_facing(field, dt_s);
-        if self.frame.is_multiple_of(ANEW_EVERY) && self.look_anew(field) {
-            return;
+        if self.frame.is_multiple_of(ANEW_EVERY) {
+            if self.look_anew(field) {
+                return;
+            }
+            if self.support.unexplained > REST_FROM {
+                self.reach_for_rest(field, labelled, 1);
+            }
         }
         let same = predicted.layout() == self.filter.layout();
         self.last = Some(Step { predicted, transition: transition.filter(|_| same), filtered: self.filter.clone() });

@@ -20,7 +20,7 @@ const CROSSED: f64 = 0.06;
 const ELSEWHERE: f64 = 0.4;
 
 /// A limb goes elsewhere where that is so much better: an odds ratio of 150 [–].
-const BETTER: f64 = 5.0;
+pub(super) const BETTER: f64 = 5.0;
 
 /// Sizes that are less likely belong to nobody: 3 standard deviations in each of two numbers of both parts would be 18 [–].
 const UNUSUAL: f64 = 6.0;
@@ -37,7 +37,7 @@ impl BodyTracker {
         })
     }
 
-    fn set_level(&mut self, limb: Limb, level: LimbLevel, body: &Body) {
+    pub(super) fn set_level(&mut self, limb: Limb, level: LimbLevel, body: &Body) {
         let layout = self.presence_with(limb, level);
         self.filter.set_parts(layout, body, &self.options.beginning);
         self.limbs[limb.index()] = LimbTrack { level, weak_s: 0.0, straight_s: 0.0 };
@@ -200,7 +200,7 @@ impl BodyTracker {
     }
 
     /// How unusual a limb's sizes are: the negative logarithm of their likelihood [–].
-    fn unusual(&self, limb: Limb) -> f64 {
+    pub(super) fn unusual(&self, limb: Limb) -> f64 {
         let of_part = |(part, expected, sigmas): (Part, Vector3<f64>, Vector3<f64>)| {
             let away = (self.filter.body.size(part) - expected).component_div(&sigmas);
             // Both radii are one number.
@@ -209,7 +209,7 @@ impl BodyTracker {
         self.expected(limb).into_iter().map(of_part).sum()
     }
 
-    fn forget_sizes(&mut self, limb: Limb) {
+    pub(super) fn forget_sizes(&mut self, limb: Limb) {
         for (part, expected, sigmas) in self.expected(limb) {
             self.filter.forget_sizes(part, &expected, &sigmas);
         }

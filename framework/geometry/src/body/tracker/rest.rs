@@ -1,0 +1,188 @@
+//! Voxels that no part explains, and limbs that could: a leg that was folded into the other one supports itself and leaves its shin to nobody.
+//!
+//! A template that grows from the joint ([`find_limb`](super::super::limbs::find_limb)) goes where voxels are deepest. Of two legs side by side that is the middle between them: the first leg takes what is the
+//! other's, which finds nothing below its hip. So here the question is put the other way round: from the voxels that nobody has to the limbs that reach them, bent in any way that does; what explains all voxels
+//! best, after a fit of the whole body, is taken.
+
+use nalgebra::{Point3, Rotation3, Unit, Vector3};
+
+use super::super::acquire::turn_of;
+use super::super::field::VoxelField;
+use super::super::filter::Normal;
+use super::super::fit::{Fit, Labelled};
+use super::super::limbs::can_point;
+use super::super::parts::{Joint, Limb, Part};
+use super::levels::BETTER;
+use super::{BodyTracker, LimbLevel};
+
+/// A face farther from all skins belongs to nobody, beside half a voxel [m].
+const FAR: f64 = 0.04;
+/// Faces nearer to one that was looked at are not looked at [m]: half a forearm.
+const APART: f64 = 0.14;
+/// So many places are looked at.
+const N_PLACES: usize = 5;
+/// So many ways of bending to a place.
+const N_SWIVELS: usize = 6;
+/// So many of all ways are fitted.
+const N_FITTED: usize = 4;
+
+/// A way that limbs could lie.
+struct Way {
+    limbs: Vec<(Limb, [Vector3<f64>; 2])>,
+}
+
+impl BodyTracker {
+    /// Lets limbs reach for what nobody has, as long as that explains the voxels better and at most so often.
+    pub(super) fn reach_for_rest(&mut self, field: &VoxelField, labelled: &[Labelled], rounds: usize) {
+        let mut left = rounds;
+        while left > 0 && self.reach_once(field, labelled) {
+            left -= 1;
+        }
+    }
+
+    fn reach_once(&mut self, field: &VoxelField, labelled: &[Labelled]) -> bool {
+        let places = self.places_of_rest(field);
+        let mut ways: Vec<Way> = places.iter().flat_map(|place| self.ways_to(field, place)).collect();
+        if !places.is_empty() {
+            ways.extend(self.legs_side_by_side(field));
+            ways.extend(self.legs_alike());
+        }
+        // What the voxels say of each before any fit.
+        let mut trials: Vec<(f64, BodyTracker)> = ways
+            .iter()
+            .map(|way| {
+                let trial = self.with_way(way);
+                (trial.cost_now(field), trial)
+            })
+            .collect();
+        trials.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let before = self.support.cost + self.unusual_limbs();
+        let mut best: Option<(f64, BodyTracker)> = None;
+        for (_, mut trial) in trials.into_iter().take(N_FITTED) {
+            trial.share = 1.0;
+            trial.update(field, labelled, self.options.fit.iterations + 2);
+            trial.share = self.share;
+            let cost = trial.support.cost + trial.unusual_limbs();
+            if cost + BETTER < before && best.as_ref().is_none_or(|it| cost < it.0) {
+                best = Some((cost, trial));
+            }
+        }
+        let Some((_, found)) = best else { return false };
+        *self = found;
+        true
+    }
+
+    pub(super) fn unusual_limbs(&self) -> f64 {
+        Limb::ALL.into_iter().filter(|it| self.level(*it) != LimbLevel::Absent).map(|it| self.unusual(it)).sum()
+    }
+
+    /// Middles of faces that nobody has, the farthest from all skins first.
+    fn places_of_rest(&self, field: &VoxelField) -> Vec<Point3<f64>> {
+        let skins = self.skins();
+        let faces = field.faces();
+        let step = faces.len().div_ceil(800).max(1);
+        let far = FAR + field.size() / 2.0;
+        let mut rest: Vec<(f64, Point3<f64>)> = faces
+            .iter()
+            .step_by(step)
+            .map(|it| (skins.distance(&it.position), it.position - it.normal * (2.0 * field.size())))
+            .filter(|it| it.0 > far)
+            .collect();
+        rest.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut places: Vec<Point3<f64>> = Vec::new();
+        for (_, place) in rest {
+            if places.len() < N_PLACES && places.iter().all(|it| (it - place).norm() > APART) {
+                places.push(place);
+            }
+        }
+        places
+    }
+
+    /// Of each limb that could get there: straight through the place, or bent with its end there.
+    fn ways_to(&self, field: &VoxelField, place: &Point3<f64>) -> Vec<Way> {
+        let body = &self.filter.body;
+        let mut found = Vec::new();
+        for limb in Limb::ALL {
+            let [upper, lower] = limb.parts();
+            let joint = body.place(Part::Torso, &upper.hangs_at());
+            let [first, second] = [upper, lower].map(|it| 2.0 * body.size(it).z);
+            let away = place - joint;
+            let distance = away.norm();
+            if distance < 0.3 * (first + second) || distance > first + second + 0.1 {
+                continue;
+            }
+            let straight = away / distance;
+            let mut ways = vec![[straight; 2]];
+            if distance < 0.97 * (first + second) {
+                // The law of cosines; the elbow on a circle about the line from the joint to the place.
+                let cosine = (first.powi(2) + distance.powi(2) - second.powi(2)) / (2.0 * first * distance);
+                let angle = cosine.clamp(-1.0, 1.0).acos();
+                let aside = straight.cross(&if straight.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() });
+                for swivel in 0..N_SWIVELS {
+                    let turn = std::f64::consts::TAU * swivel as f64 / N_SWIVELS as f64;
+                    let axis = Rotation3::from_axis_angle(&Unit::new_normalize(straight), turn) * aside;
+                    let way = Rotation3::from_axis_angle(&Unit::new_normalize(axis), angle) * straight;
+                    if let Some(rest) = (place - (joint + way * first)).try_normalize(1e-6) {
+                        ways.push([way, rest]);
+                    }
+                }
+            }
+            // An elbow in the air is none.
+            let is_inside = |way: &[Vector3<f64>; 2]| {
+                let elbow = joint + way[0] * first;
+                let places = [joint + way[0] * (0.7 * first), elbow, elbow + way[1] * (0.5 * second)];
+                places.iter().all(|it| field.depth(it).0 > -0.02)
+            };
+            let is_possible = |way: &[Vector3<f64>; 2]| can_point(body, limb, &way[0]) && is_inside(way);
+            found.extend(ways.into_iter().filter(is_possible).map(|it| Way { limbs: vec![(limb, it)] }));
+        }
+        found
+    }
+
+    /// Both legs straight down to what lies below the hips.
+    fn legs_side_by_side(&self, field: &VoxelField) -> Option<Way> {
+        let body = &self.filter.body;
+        let hips = [Joint::LeftHip, Joint::RightHip].map(|it| body.joint(it));
+        let middle = nalgebra::center(&hips[0], &hips[1]);
+        let length: f64 = Limb::LeftLeg.parts().map(|it| 2.0 * body.size(it).z).iter().sum();
+        let down = -(body.turn(Part::Torso) * Vector3::z());
+        let below = field.voxels().iter().map(|&it| field.centre(it) - middle).filter(|it| {
+            let along = it.dot(&down);
+            along > 0.3 * length && along < 1.1 * length && (it - down * along).norm() < 0.5 * length
+        });
+        let (sum, n) = below.fold((Vector3::zeros(), 0), |(sum, n), it| (sum + it, n + 1));
+        let way = (sum / f64::from(n.max(1))).try_normalize(1e-6)?;
+        Some(Way { limbs: vec![(Limb::LeftLeg, [way; 2]), (Limb::RightLeg, [way; 2])] })
+    }
+
+    /// Each leg as the other one lies.
+    fn legs_alike(&self) -> Vec<Way> {
+        let has = |it: &Limb| self.level(*it) != LimbLevel::Absent;
+        let ways = |it: Limb| it.parts().map(|part| -(self.filter.body.turn(part) * Vector3::z()));
+        let legs = [Limb::LeftLeg, Limb::RightLeg].into_iter();
+        legs.filter(|it| has(&it.mirrored())).map(|it| Way { limbs: vec![(it, ways(it.mirrored()))] }).collect()
+    }
+
+    fn with_way(&self, way: &Way) -> Self {
+        let mut trial = self.clone();
+        let left = self.filter.body.turn(Part::Torso) * Vector3::y();
+        for (limb, ways) in &way.limbs {
+            let mut body = trial.filter.body.clone();
+            trial.forget_sizes(*limb);
+            for (part, way) in limb.parts().into_iter().zip(ways) {
+                body.turns[part.index()] = turn_of(&-way, &left);
+            }
+            let is_straight = ways[0].angle(&ways[1]) < self.options.acquisition.limbs.straight;
+            trial.set_level(*limb, LimbLevel::Absent, &body);
+            trial.set_level(*limb, if is_straight { LimbLevel::Straight } else { LimbLevel::Bent }, &body);
+        }
+        trial
+    }
+
+    fn cost_now(&self, field: &VoxelField) -> f64 {
+        let mut fit = Fit::new(field, &self.options.fit, None);
+        let layout = *self.filter.layout();
+        fit.measure(&self.filter.body, &mut Normal::new(layout), &layout);
+        fit.support.cost + self.unusual_limbs()
+    }
+}
