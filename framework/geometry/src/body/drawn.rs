@@ -169,7 +169,7 @@ impl Stance {
 pub(super) fn ring(n: usize, random: &mut Random) -> Vec<Point3<f64>> {
     let place = |i: usize, random: &mut Random| {
         let angle = std::f64::consts::TAU * i as f64 / n as f64 + 0.08 * random.normal();
-        let height = if i % 2 == 0 { 1.0 } else { 1.9 };
+        let height = if i.is_multiple_of(2) { 1.0 } else { 1.9 };
         Point3::new(3.5 * angle.cos(), 3.5 * angle.sin(), height + 0.1 * random.normal())
     };
     (0..n).map(|it| place(it, random)).collect()

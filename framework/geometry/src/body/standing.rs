@@ -45,7 +45,7 @@ fn wrong(seeds: std::ops::Range<u64>, n_cameras: usize, vary: bool) -> Vec<Strin
         let mut stance = Stance::upright(&mut random);
         if vary {
             stance.vary(&mut random);
-        } else if seed % 2 == 0 {
+        } else if seed.is_multiple_of(2) {
             stance.spread = 0.0;
         }
         let (tubes, truth) = stance.drawn();
