@@ -13,6 +13,12 @@ const OUT_OF_FOCUS: f64 = 1.2;
 /// And a projector whose light fades at the ends of its picture by more than this [projector px].
 const SOFT: f64 = 1.5;
 
+/// The finest of so many bits, by their numbers.
+fn finest(bits: u32, n: u32) -> String {
+    let planes: Vec<String> = (bits - n..bits).map(|it| it.to_string()).collect();
+    format!("{} {}", if n == 1 { "bit" } else { "bits" }, planes.join(" and "))
+}
+
 /// Which bits are finer than the camera resolves, and where.
 pub(super) fn too_fine_in_words(
     code: &StripeCode,
@@ -24,13 +30,10 @@ pub(super) fn too_fine_in_words(
         let at = axis.index();
         let dropped = whole.overall()[at];
         let help = "a camera that is sharper, closer or has more pixels, and a projector that is in focus, would show more detail";
-        let n = code.bits[at];
         if dropped > 0 {
-            let planes: Vec<String> = (n - dropped..n).map(|it| it.to_string()).collect();
-            let which = if dropped == 1 { "bit" } else { "bits" };
             return Some(format!(
-                "stripes of {which} {} of the {} are finer than the camera resolves: the coarser ones are used, and places between their boundaries are interpolated; {help}",
-                planes.join(" and "),
+                "stripes of {} of the {} are finer than the camera resolves: the coarser ones are used, and places between their boundaries are interpolated; {help}",
+                finest(code.bits[at], dropped),
                 axis.in_words()
             ));
         }
@@ -48,13 +51,11 @@ pub(super) fn too_fine_in_words(
 
 /// What is said of an axis of `bits` bits whose finest ones, so many, are not there.
 pub(super) fn lacking_finest_in_words(axis: Axis, bits: u32, lacking: u32) -> Option<String> {
-    let planes: Vec<String> = (bits - lacking..bits).map(|it| it.to_string()).collect();
-    let which = if lacking == 1 { "bit" } else { "bits" };
     (lacking > 0).then(|| {
         format!(
-            "the {} are decoded without {which} {}, for want of the pictures: stripes are {} times as wide, and places between their boundaries are interpolated",
+            "the {} are decoded without {}, for want of the pictures: stripes are {} times as wide, and places between their boundaries are interpolated",
             axis.in_words(),
-            planes.join(" and "),
+            finest(bits, lacking),
             1 << lacking
         )
     })
