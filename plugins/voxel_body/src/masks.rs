@@ -51,6 +51,8 @@ pub struct Masks {
     refused: u64,
     /// Gray level of the pixel that was most like body, of masks without one.
     nearest: Option<u8>,
+    /// Masks whose background is body, most likely.
+    inside_out: u64,
 }
 
 impl Node for Masks {
@@ -88,6 +90,7 @@ impl Node for Masks {
             body_share: 0.0,
             refused: 0,
             nearest: None,
+            inside_out: 0,
         })
     }
 
@@ -115,6 +118,7 @@ impl Node for Masks {
             _ => SilhouetteStatus::Seen,
         };
         self.counts[silhouette.status as usize] += 1;
+        self.inside_out += u64::from(share > 0.5 && is_rim_body(&silhouette));
         if silhouette.n_body == 0 {
             let inverted = self.settings.inverted;
             let levels = mask.pixels.chunks_exact(channels).filter_map(|it| it.iter().copied().max());
@@ -150,8 +154,33 @@ impl Node for Masks {
                 "{name}: none of {empty} masks has a body: their {nearest} pixel is {level}, expected {expected} (`threshold`, `inverted`)"
             ));
         }
+        if 2 * self.inside_out > seen + empty + full {
+            report.remark(format!(
+                "{name}: {} of {} masks have body all around their edge, and more of it than of background: is background body (`inverted = {}`)?",
+                self.inside_out,
+                seen + empty + full,
+                !self.settings.inverted
+            ));
+        }
         Ok(())
     }
+}
+
+/// Of the pixels on the picture's edge more are not body where a person is in it, as near as may be [–].
+const RIM: f64 = 0.9;
+
+fn is_rim_body(silhouette: &Silhouette) -> bool {
+    let (width, height) = (silhouette.width as usize, silhouette.height as usize);
+    let is_rim = |at: &usize| {
+        let (x, y) = (at % width, at / width);
+        x == 0 || y == 0 || x + 1 == width || y + 1 == height
+    };
+    let (mut n, mut n_body) = (0, 0);
+    for at in (0..width * height).filter(is_rim) {
+        n += 1;
+        n_body += usize::from(silhouette.confidence[at] >= Silhouette::BODY);
+    }
+    n_body as f64 > RIM * f64::from(n)
 }
 
 #[cfg(test)]
@@ -172,6 +201,25 @@ mod tests {
             let remarks = bench.finish().unwrap().remarks;
             assert!(remarks.iter().any(|it| it.contains(expected)), "{remarks:?}");
         }
+    }
+
+    #[test]
+    fn masks_whose_background_is_body_are_told_and_people_who_stand_near_are_not() {
+        let disc = |radius: f64, inside: u8| -> Vec<u8> {
+            let pixel = |at: i32| (f64::from(at % 20 - 10).hypot(f64::from(at / 20 - 10)) < radius) == (inside == 255);
+            (0..400).map(|at| if pixel(at) { 255 } else { 0 }).collect()
+        };
+        let told = |pixels: &[u8], inverted: bool| {
+            let mut bench = NodeBench::<Masks>::new(MasksSettings { inverted, ..MasksSettings::default() }).unwrap();
+            let image = Image { width: 20, height: 20, pixels: pixels.to_vec(), ..Image::default() };
+            bench.feed(&IMAGE, Time::ZERO, image).unwrap();
+            bench.finish().unwrap().remarks.join(" ")
+        };
+        assert!(told(&disc(6.0, 0), false).contains("`inverted = true`"));
+        assert!(told(&disc(6.0, 255), true).contains("`inverted = false`"));
+        // Somebody so near that most of the picture and much of its edge is body.
+        assert_eq!(told(&disc(11.5, 255), false), "");
+        assert_eq!(told(&disc(6.0, 255), false), "");
     }
 
     fn one(settings: MasksSettings, pixels: &[u8], format: PixelFormat) -> Silhouette {

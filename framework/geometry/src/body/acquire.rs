@@ -87,6 +87,16 @@ pub enum AcquisitionFailure {
         /// Threshold [–].
         expected: f64,
     },
+    /// It fits, but nobody looks like that: armchairs, boxes and plants do.
+    #[error(
+        "too unlike a person: {head:.2} of the head's skin is there, and the limbs' sizes are {limbs:.1} standard deviations from people's"
+    )]
+    Unlike {
+        /// [–]
+        head: f64,
+        /// Root mean square over all limbs [–].
+        limbs: f64,
+    },
     /// It is somebody who is followed already, or one too many.
     #[error("its head is that of a body that is followed already, or {most} are followed, which is the most")]
     Known {
@@ -199,11 +209,12 @@ fn is_on_lattice(field: &VoxelField, cell: u32, coarse: u32) -> bool {
     off(place.x) && off(place.y) && off(place.z)
 }
 
-/// How far one goes along `way` until the voxels end; `None`: farther than `most`.
+/// How far one goes along `way` until the voxels end; `None`: farther than `most`, or out of the volume, where nobody knows.
 fn leaves(field: &VoxelField, from: &Point3<f64>, way: &Vector3<f64>, most: f64) -> Option<f64> {
     let step = field.size() * 0.4;
     let n = (most / step).ceil() as usize;
-    (1..=n).map(|it| it as f64 * step).find(|&at| !field.is_occupied(&(from + way * at))).map(|at| at - step / 2.0)
+    let end = (1..=n).map(|it| it as f64 * step).find(|&at| !field.is_occupied(&(from + way * at)))?;
+    (!field.is_beyond(&(from + way * end))).then_some(end - step / 2.0)
 }
 
 fn try_head(field: &VoxelField, centre: &Point3<f64>, ways: &[Vector3<f64>], [inner, outer]: [f64; 2]) -> HeadFound {

@@ -3,7 +3,7 @@
 use foveate_estimation::random::Random;
 use nalgebra::{Point3, Rotation3, Vector3};
 
-use super::field::VoxelField;
+use super::field::{ENDLESS, VoxelField};
 use super::parts::Joint;
 
 /// Edge of a voxel [m].
@@ -46,7 +46,7 @@ pub(super) fn indices(tubes: &[Tube]) -> Vec<[u16; 3]> {
 }
 
 pub(super) fn field(tubes: &[Tube]) -> VoxelField {
-    VoxelField::new(SIZE, &ORIGIN, &indices(tubes)).unwrap()
+    VoxelField::new(SIZE, &ORIGIN, &indices(tubes), ENDLESS).unwrap()
 }
 
 /// How somebody stands.
@@ -193,7 +193,7 @@ pub(super) fn hull(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> VoxelF
     };
     let all = (0..n.x).flat_map(|x| (0..n.y).flat_map(move |y| (0..n.z).map(move |z| [x, y, z])));
     let inside = all.filter(|it| is_seen(&(low + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * size)));
-    VoxelField::new(size, &low, &inside.collect::<Vec<_>>()).unwrap()
+    VoxelField::new(size, &low, &inside.collect::<Vec<_>>(), ENDLESS).unwrap()
 }
 
 /// How near the line of sight from `from` through `place` passes a piece of a line [m].

@@ -9,6 +9,9 @@ use nalgebra::{Point3, Vector3};
 /// Cells around the occupied ones, so that gradients outside exist.
 const MARGIN: usize = 3;
 
+/// A grid that ends nowhere.
+pub const ENDLESS: [u32; 3] = [u32::MAX; 3];
+
 /// A piece of the skin of the voxels: the common face of an occupied cell and an empty one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
@@ -33,11 +36,15 @@ pub struct VoxelField {
     /// At the centres: above 0 inside [m].
     depth: Vec<f32>,
     faces: Vec<Face>,
+    /// Of each axis, whether the grid ends at the first and at the last of the occupied cells.
+    ends: [[bool; 2]; 3],
 }
 
 impl VoxelField {
     /// Of the cubes at `indices` of a grid of edge `size` [m] whose corner of least x, y, z is `origin` [m]. `None` without voxels.
-    pub fn new(size: f64, origin: &Point3<f64>, indices: &[[u16; 3]]) -> Option<Self> {
+    ///
+    /// The grid has `cells` along x, y, z. What reaches its end may go on beyond: there are no faces there, and depths are as if it did. Below its lowest cells is the floor, on which people stand.
+    pub fn new(size: f64, origin: &Point3<f64>, indices: &[[u16; 3]], cells: [u32; 3]) -> Option<Self> {
         let (mut low, mut high) = (*indices.first()?, *indices.first()?);
         for index in indices {
             for axis in 0..3 {
@@ -45,6 +52,9 @@ impl VoxelField {
                 high[axis] = high[axis].max(index[axis]);
             }
         }
+        let ends = std::array::from_fn(|axis| {
+            [axis < 2 && low[axis] == 0 && cells[axis] < u32::MAX, u32::from(high[axis]) + 1 == cells[axis]]
+        });
         let cells = std::array::from_fn(|axis| usize::from(high[axis] - low[axis]) + 1 + 2 * MARGIN);
         let first = origin + Vector3::from(low.map(|it| f64::from(it) + 0.5 - MARGIN as f64)) * size;
         let mut occupied = vec![false; cells[0] * cells[1] * cells[2]];
@@ -53,10 +63,44 @@ impl VoxelField {
             occupied[x + cells[0] * (y + cells[1] * z)] = true;
         }
         let list = (0..occupied.len()).filter(|&it| occupied[it]).map(|it| it as u32).collect();
-        let mut field = Self { size, first, cells, occupied, list, depth: Vec::new(), faces: Vec::new() };
+        let mut field = Self { size, first, cells, occupied, list, depth: Vec::new(), faces: Vec::new(), ends };
+        field.go_on_beyond();
         field.measure_depths();
         field.find_faces();
         Some(field)
+    }
+
+    /// Beyond an end of the grid goes on what reaches it.
+    fn go_on_beyond(&mut self) {
+        let [nx, ny, nz] = self.cells;
+        for axis in 0..3 {
+            for side in (0..2).filter(|it| self.ends[axis][*it]) {
+                let last = if side == 0 { MARGIN } else { self.cells[axis] - 1 - MARGIN };
+                for cell in 0..nx * ny * nz {
+                    let mut at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+                    let is_beyond = if side == 0 { at[axis] < last } else { at[axis] > last };
+                    if is_beyond {
+                        at[axis] = last;
+                        self.occupied[cell] = self.occupied[at[0] + nx * (at[1] + ny * at[2])];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether voxels reach an end of the grid.
+    pub fn is_cut_off(&self) -> bool {
+        self.ends.as_flattened().contains(&true)
+    }
+
+    /// Whether a place lies beyond an end of the grid that voxels reach: nothing is known there.
+    pub fn is_beyond(&self, place: &Point3<f64>) -> bool {
+        let at = (place - self.first) / self.size;
+        (0..3).any(|axis| {
+            let [low, high] = self.ends[axis];
+            let last = (self.cells[axis] - MARGIN) as f64 - 0.5;
+            (low && at[axis] < MARGIN as f64 - 0.5) || (high && at[axis] > last)
+        })
     }
 
     /// Edge of a voxel [m].
@@ -315,7 +359,7 @@ mod tests {
         let centre = |index: [u16; 3]| Point3::from(Vector3::from(index.map(|it| (f64::from(it) + 0.5) * size)));
         let all = (0..n).flat_map(|z| (0..n).flat_map(move |y| (0..n).map(move |x| [x, y, z])));
         let inside: Vec<[u16; 3]> = all.filter(|it| (centre(*it) - middle).norm() < radius).collect();
-        (VoxelField::new(size, &Point3::origin(), &inside).unwrap(), middle)
+        (VoxelField::new(size, &Point3::origin(), &inside, ENDLESS).unwrap(), middle)
     }
 
     #[test]
@@ -353,7 +397,7 @@ mod tests {
     fn distances_are_the_smallest_of_all() {
         let mut random = Random::new(2);
         let some: Vec<[u16; 3]> = (0..60).map(|_| [(); 3].map(|()| random.below(12) as u16)).collect();
-        let field = VoxelField::new(1.0, &Point3::origin(), &some).unwrap();
+        let field = VoxelField::new(1.0, &Point3::origin(), &some, ENDLESS).unwrap();
         let nearest = |from: u32, occupied: bool| {
             let others = (0..field.n_cells() as u32).filter(|&it| field.holds(it) == occupied);
             others.map(|it| (field.centre(it) - field.centre(from)).norm()).fold(f64::INFINITY, f64::min)
@@ -366,7 +410,27 @@ mod tests {
     }
 
     #[test]
+    fn what_reaches_the_end_of_the_grid_goes_on_there() {
+        // A bar of 4 × 4 × 10 cells; the grid ends at its top and at its left, and nowhere else.
+        let bar: Vec<[u16; 3]> = (0..160).map(|it| [it % 4, it / 4 % 4 + 1, it / 16]).collect();
+        let field = VoxelField::new(0.1, &Point3::origin(), &bar, [9, 9, 10]).unwrap();
+        assert_eq!(field.len(), 160);
+        let looks = |axis: usize, sign: f64| {
+            field.faces().iter().filter(|it| it.normal[axis] * sign > 0.9 || it.position[axis] * sign > 0.99).count()
+        };
+        assert_eq!(looks(2, 1.0), 0);
+        assert!(field.faces().iter().all(|it| it.position.x > 0.01), "faces at the left end");
+        assert!(field.faces().iter().any(|it| it.position.z < 0.01), "people stand on a floor");
+        let p = |x: f64, z: f64| Point3::new(x, 0.3, z);
+        assert!((field.depth(&p(0.05, 0.95)).0 - field.depth(&p(0.05, 0.5)).0).abs() < 1e-6);
+        assert_eq!(
+            [p(-0.05, 0.5), p(0.2, 1.05), p(0.2, -0.05), p(0.45, 0.5), p(0.2, 0.5)].map(|it| field.is_beyond(&it)),
+            [true, true, false, false, false]
+        );
+    }
+
+    #[test]
     fn no_voxels_are_no_field() {
-        assert!(VoxelField::new(0.05, &Point3::origin(), &[]).is_none());
+        assert!(VoxelField::new(0.05, &Point3::origin(), &[], ENDLESS).is_none());
     }
 }

@@ -252,7 +252,11 @@ impl<'a> Fit<'a> {
         for place in 0..PLACES {
             let t = low + (high - low) * (place as f64 + 0.5) / PLACES as f64;
             let reach = Vector3::new(0.0, 0.0, t * at.sizes.z);
-            let (depth, slope) = self.field.depth(&(at.centre + forward * reach));
+            let place = at.centre + forward * reach;
+            if self.field.is_beyond(&place) {
+                continue;
+            }
+            let (depth, slope) = self.field.depth(&place);
             n_inside += usize::from(depth > -0.25 * self.field.size());
             // Depths of thin limbs in coarse voxels are too small by half a voxel now and then.
             let wanted = 0.75 * thick * (1.0 + taper(at.part) * t) - 0.3 * self.field.size();

@@ -48,6 +48,8 @@ pub struct Cubes<'a> {
     pub size: f64,
     /// The corner of cube (0, 0, 0) that is least in x, y, z [m].
     pub origin: Point3<f64>,
+    /// Cubes of the grid along x, y, z: bodies go on beyond its ends, see [`VoxelField::new`].
+    pub cells: [u32; 3],
     /// Places in the grid.
     pub indices: &'a [[u16; 3]],
     /// Which of the components each belongs to.
@@ -149,7 +151,7 @@ impl People {
             followed.age_s += dt_s;
             followed.is_seen = !owners[place].is_empty();
             let own: Vec<[u16; 3]> = owners[place].iter().map(|&it| cubes.indices[it]).collect();
-            match VoxelField::new(cubes.size, &cubes.origin, &own) {
+            match VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells) {
                 Some(field) => {
                     let points = labelled(followed.id, &followed.tracker);
                     followed.tracker.step(&field, dt_s, &points);
@@ -240,7 +242,7 @@ impl People {
         let cube = cubes.size.powi(3);
         while voxels.len() as f64 * cube >= self.options.tracker.acquisition.least_volume {
             let own: Vec<[u16; 3]> = voxels.iter().map(|&it| cubes.indices[it]).collect();
-            let Some(field) = VoxelField::new(cubes.size, &cubes.origin, &own) else { return };
+            let Some(field) = VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells) else { return };
             let found = BodyTracker::acquire(&field, &self.options.tracker);
             let found = found.and_then(|it| if beside { self.upright(it, &field) } else { Ok(it) });
             let failure = match found {
@@ -337,6 +339,7 @@ fn root(group: &[usize], of: usize) -> usize {
 mod tests {
     use super::*;
     use crate::body::drawn;
+    use crate::body::field::ENDLESS;
 
     /// Boxes of cubes of 20 mm, each a component of its own: first and last index along x; 10 × 40 cubes (8 l a 10 along x).
     fn boxes(along: &[[u16; 2]]) -> (Vec<[u16; 3]>, Vec<u16>) {
@@ -354,7 +357,8 @@ mod tests {
 
     fn groups_of(along: &[[u16; 2]]) -> Vec<usize> {
         let (indices, components) = boxes(along);
-        let cubes = Cubes { size: 0.02, origin: Point3::origin(), indices: &indices, components: &components };
+        let cubes =
+            Cubes { size: 0.02, origin: Point3::origin(), cells: ENDLESS, indices: &indices, components: &components };
         groups(&cubes, 0.06, 0.02)
     }
 
@@ -370,7 +374,8 @@ mod tests {
             let mut people = People::new(PeopleOptions::default());
             let alone = drawn::indices(&lying);
             let one = vec![0; alone.len()];
-            let cubes = |indices| Cubes { size: drawn::SIZE, origin: drawn::ORIGIN, indices, components: &one };
+            let cubes =
+                |indices| Cubes { size: drawn::SIZE, origin: drawn::ORIGIN, cells: ENDLESS, indices, components: &one };
             people.step(&cubes(&alone), 0.0, |_, _| Vec::new());
             assert_eq!(people.list().len(), 1, "a trunk and a head lie there");
             let indices = drawn::indices(tubes);

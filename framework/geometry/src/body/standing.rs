@@ -3,7 +3,8 @@
 use foveate_estimation::random::Random;
 use nalgebra::Point3;
 
-use super::drawn::{Stance, hull, ring};
+use super::drawn::{self, Stance, hull, ring};
+use super::field::{ENDLESS, VoxelField};
 use super::parts::Joint;
 use super::tracker::{BodyTracker, JointEstimate, TrackerOptions};
 
@@ -77,4 +78,70 @@ fn legs_side_by_side_are_two_straight_legs() {
 fn people_in_any_stance_are_found_with_all_limbs() {
     let wrong = wrong(9300..9320, 10, true);
     assert!(wrong.len() <= 1, "{} of 20 are wrong\n{}", wrong.len(), wrong.join("\n"));
+}
+
+/// Voxels of 25 mm in boxes, each from its least to its greatest corner [m].
+fn boxes(boxes: &[[[f64; 3]; 2]]) -> VoxelField {
+    const SIZE: f64 = 0.025;
+    let is_in = |index: &[u16; 3]| {
+        let place = index.map(|it| (f64::from(it) + 0.5) * SIZE);
+        boxes.iter().any(|[low, high]| (0..3).all(|axis| (low[axis]..high[axis]).contains(&place[axis])))
+    };
+    let all = (0..80_u16).flat_map(|x| (0..80_u16).flat_map(move |y| (0..80_u16).map(move |z| [x, y, z])));
+    VoxelField::new(SIZE, &Point3::origin(), &all.filter(is_in).collect::<Vec<_>>(), ENDLESS).unwrap()
+}
+
+#[test]
+fn chairs_armchairs_and_boxes_are_nobody() {
+    let mut found = Vec::new();
+    for seed in 9500..9510 {
+        let mut random = Random::new(seed);
+        let mut of = |low: f64, high: f64| random.uniform_in(low, high);
+        let [wide, deep, seat, back, arm] = [of(0.6, 0.9), of(0.6, 0.8), of(0.38, 0.48), of(0.85, 1.15), of(0.10, 0.2)];
+        let armchair = boxes(&[
+            [[0.5, 0.5, 0.0], [0.5 + deep, 0.5 + wide, seat]],
+            [[0.5, 0.5, 0.0], [0.5 + arm, 0.5 + wide, back]],
+            [[0.5, 0.5, 0.0], [0.5 + deep, 0.5 + arm, seat + 0.2]],
+            [[0.5, 0.5 + wide - arm, 0.0], [0.5 + deep, 0.5 + wide, seat + 0.2]],
+        ]);
+        let [wide, deep, leg] = [of(0.40, 0.5), of(0.40, 0.5), of(0.05, 0.08)];
+        let corner = |x: f64, y: f64| [[x, y, 0.0], [x + leg, y + leg, seat]];
+        let (far_x, far_y) = (0.5 + deep - leg, 0.5 + wide - leg);
+        let chair = boxes(&[
+            [[0.5, 0.5, seat - 0.1], [0.5 + deep, 0.5 + wide, seat + 0.05]],
+            [[0.5, 0.5, seat], [0.5 + leg + 0.05, 0.5 + wide, back]],
+            corner(0.5, 0.5),
+            corner(far_x, 0.5),
+            corner(0.5, far_y),
+            corner(far_x, far_y),
+        ]);
+        let [wide, deep, high] = [of(0.3, 0.7), of(0.25, 0.6), of(0.5, 1.5)];
+        let cupboard = boxes(&[[[0.5, 0.5, 0.0], [0.5 + deep, 0.5 + wide, high]]]);
+        for (name, field) in [("armchair", armchair), ("chair", chair), ("cupboard", cupboard)] {
+            if let Ok(tracker) = BodyTracker::acquire(&field, &TrackerOptions::default()) {
+                found.push(format!("{seed} {name}: {:?}", tracker.support()));
+            }
+        }
+    }
+    assert!(found.is_empty(), "{} of 30\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn nobody_is_found_in_a_body_that_the_volume_cuts_off_at_the_shoulders() {
+    let mut invented = 0;
+    for seed in 9600..9612 {
+        let mut random = Random::new(seed);
+        let stance = Stance { arms: [0.1; 2], ..Stance::upright(&mut random) };
+        let cells = (0.8 * stance.stature / drawn::SIZE) as u32;
+        let all = drawn::indices(&stance.drawn().0);
+        let below: Vec<[u16; 3]> = all.into_iter().filter(|it| u32::from(it[2]) < cells).collect();
+        let acquired = |cells| {
+            let field = VoxelField::new(drawn::SIZE, &drawn::ORIGIN, &below, cells).unwrap();
+            BodyTracker::acquire(&field, &TrackerOptions::default())
+        };
+        let found = acquired([u32::MAX, u32::MAX, cells]);
+        assert!(found.is_err(), "{seed}: {:?}", found.map(|it| *it.support()));
+        invented += usize::from(acquired(ENDLESS).is_ok());
+    }
+    assert!(invented > 0, "the test is too easy: a head is not even seen in what would end there");
 }

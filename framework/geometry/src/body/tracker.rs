@@ -144,6 +144,14 @@ const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
 const ANEW_GAIN: f64 = 0.06;
 
+/// What is begun is too unlike a person above this sum of squares [–]. People in hulls of 2 to 20 views, real ones on chairs included, have 1.1 at most; chairs, boxes and plants 1.7 and more.
+const MOST_DOUBT: f64 = 1.4;
+/// Of the head's skin, what may lack, and what the limbs' sizes may be less likely, for a doubt of 1 each [–].
+const HEAD_LACKS: f64 = 0.3;
+const LIMBS_UNUSUAL: f64 = 30.0;
+/// A head of which so much is there is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there.
+const CLEAR_HEAD: f64 = 0.9;
+
 /// Errors of hulls last so long [s]: chosen on people that are not in the figures, among 0.1 to 0.5.
 const POSE_S: f64 = 0.3;
 
@@ -237,6 +245,10 @@ impl BodyTracker {
                 return Err(AcquisitionFailure::Fit { part: part.name(), inside, covered });
             }
         }
+        let head = tracker.support.covered[Part::Head.index()];
+        if tracker.doubt() > MOST_DOUBT && head < CLEAR_HEAD && !field.is_cut_off() {
+            return Err(AcquisitionFailure::Unlike { head, limbs: tracker.sigmas_of_limbs() });
+        }
         if tracker.support.unexplained > options.acquisition.most_unexplained {
             return Err(AcquisitionFailure::Rest {
                 found: tracker.support.unexplained,
@@ -322,6 +334,19 @@ impl BodyTracker {
         });
         self.support = fit.support;
         self.voxel = field.size();
+    }
+
+    /// How unlike a person this is [–].
+    fn doubt(&self) -> f64 {
+        let lacks = (1.0 - self.support.covered[Part::Head.index()]).max(0.0);
+        (lacks / HEAD_LACKS).powi(2) + (self.unusual_limbs() / LIMBS_UNUSUAL).powi(2)
+    }
+
+    /// How far the limbs' sizes are from those of people, in standard deviations, root mean square [–].
+    fn sigmas_of_limbs(&self) -> f64 {
+        let n = Limb::ALL.into_iter().filter(|it| self.level(*it) != LimbLevel::Absent).count();
+        // Two numbers of two parts each.
+        (2.0 * self.unusual_limbs() / (4 * n.max(1)) as f64).sqrt()
     }
 
     fn is_supported(&self, part: Part) -> bool {
@@ -418,6 +443,7 @@ impl BodyTracker {
     pub fn shows(&self, part: Part) -> bool {
         self.filter.layout().has(part)
             && self.is_supported(part)
+            && !Limb::ALL.into_iter().any(|it| it.parts().contains(&part) && self.is_nobodys(it))
             && self.support.covered[part.index()] >= self.options.levels.measured_covered
     }
 

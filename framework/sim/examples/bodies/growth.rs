@@ -95,7 +95,8 @@ fn measure(files: &[PathBuf], views: usize, voxel: f64, n_people: usize) -> Resu
         let parts = Parts::of(carver.hull());
         let component = |it: &[u16; 3]| parts.part(it.map(u32::from)).unwrap_or(0) as u16;
         let components: Vec<u16> = indices.iter().map(component).collect();
-        let cubes = Cubes { size: voxel, origin: grid.origin, indices: &indices, components: &components };
+        let cubes =
+            Cubes { size: voxel, origin: grid.origin, cells: grid.cells, indices: &indices, components: &components };
         let start = Instant::now();
         people.step(&cubes, if frame == 0 { 0.0 } else { 1.0 / RATE_HZ }, |_, _| Vec::new());
         track_ms.push(start.elapsed().as_secs_f64() * 1e3);

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use foveate_estimation::random::Random;
+use foveate_geometry::body::field::ENDLESS;
 use foveate_geometry::body::{BodyTracker, Joint, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
 use foveate_sim::person::{Person, Pose, WholeBody};
@@ -48,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let pose = person.pose(time);
             let voxels = carve(&pose, girth, &cameras, voxel, faults, &mut random);
             let start = Instant::now();
-            let field = VoxelField::new(voxel, &voxels.0, &voxels.1);
+            let field = VoxelField::new(voxel, &voxels.0, &voxels.1, ENDLESS);
             match (&mut tracker, &field) {
                 (Some(it), Some(field)) => it.step(field, 1.0 / RATE_HZ, &[]),
                 (Some(it), None) => it.coast(1.0 / RATE_HZ),

@@ -44,7 +44,8 @@ impl Words {
         for it in contradictions {
             self.contradictions.entry(it.camera).or_default().push(*it);
         }
-        for (at, a) in silhouettes.iter().enumerate().filter(|it| it.1.n_body > 0) {
+        let has_body = |it: &Silhouette| it.n_body > 0 && it.status != SilhouetteStatus::Full;
+        for (at, a) in silhouettes.iter().enumerate().filter(|it| has_body(it.1)) {
             let same = |b: &&&Silhouette| b.n_body == a.n_body && b.width == a.width && b.confidence == a.confidence;
             for b in silhouettes[at + 1..].iter().filter(same) {
                 *self.same.entry([a.camera, b.camera]).or_default() += 1;
@@ -145,9 +146,10 @@ impl Words {
                 self.across
             ));
         }
-        if self.lost == self.n_sets && self.lost > 0 {
+        if self.lost > 0 {
             report.remark(format!(
-                "no voxel is left over, although most silhouettes show a body, in any of {} sets: {}",
+                "no voxel is left over, although most silhouettes show a body, in {} of {} sets: {}",
+                self.lost,
                 self.n_sets,
                 self.why_nothing(setup, volume)
             ));
@@ -192,7 +194,7 @@ fn contradiction(list: &[Contradiction], n_sets: u64) -> String {
     let ([x, y], [metres, angle]) = fits[fits.len() / 2];
     let side = |at: i32, less: &str, more: &str| format!("{} px {}", at.abs(), if at < 0 { less } else { more });
     text += &format!(
-        ": its silhouettes lie {} and {} of where the other views say, {:.0} mm at the body or {:.1} degrees: the camera was moved, or its pose or pictures are another's",
+        ": its silhouettes lie {} and {} of where the other views say, {:.0} mm at the body or {:.1} degrees: the camera was moved, its pictures are of another time, or its pose or pictures are another's",
         side(x, "left", "right"),
         side(y, "above", "below"),
         1e3 * metres,

@@ -67,6 +67,7 @@ impl Bounded {
         Cubes {
             size: voxels.size * f64::from(self.merged.max(1)),
             origin: voxels.origin,
+            cells: voxels.cells.map(|it| it.div_ceil(u32::from(self.merged.max(1)))),
             indices: &self.indices,
             components: &self.components,
         }

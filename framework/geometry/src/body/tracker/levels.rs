@@ -24,6 +24,8 @@ pub(super) const BETTER: f64 = 5.0;
 
 /// Sizes that are less likely belong to nobody: 3 standard deviations in each of two numbers of both parts would be 18 [–].
 const UNUSUAL: f64 = 6.0;
+/// A limb whose sizes are less likely is none: it lies in another body or in a chair [–]. In hulls of two views limbs of people have 12.
+const NOBODYS: f64 = 14.0;
 
 impl BodyTracker {
     fn presence_with(&self, changed: Limb, level: LimbLevel) -> Layout {
@@ -51,7 +53,7 @@ impl BodyTracker {
             if track.level == LimbLevel::Absent {
                 continue;
             }
-            let is_weak = !(self.is_supported(upper) && self.is_supported(lower));
+            let is_weak = !(self.is_supported(upper) && self.is_supported(lower)) || self.is_nobodys(limb);
             let bend = self.bend(limb);
             let mut track = track.clone();
             track.weak_s = if is_weak { track.weak_s + dt_s } else { 0.0 };
@@ -207,6 +209,11 @@ impl BodyTracker {
             (away.x.powi(2) + away.z.powi(2)) / 2.0
         };
         self.expected(limb).into_iter().map(of_part).sum()
+    }
+
+    /// Whether a limb has sizes that nobody has.
+    pub(super) fn is_nobodys(&self, limb: Limb) -> bool {
+        self.unusual(limb) > NOBODYS
     }
 
     pub(super) fn forget_sizes(&mut self, limb: Limb) {
