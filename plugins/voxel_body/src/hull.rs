@@ -7,6 +7,8 @@ mod losses;
 pub use contradiction::Contradiction;
 pub use displaced::{Fit, fit};
 
+use std::collections::BTreeMap;
+
 use foveate::geometry::Camera;
 use foveate::geometry::voxels::{
     BitGrid, CarveError, CarveOptions, Carver, Cover, Doubt, DoubtOptions, Part, Parts, Picture, SilhouetteView,
@@ -85,6 +87,8 @@ pub struct Hull {
     drawn: Vec<u8>,
     /// Who contradicts the others, as found last.
     contradictions: Vec<Contradiction>,
+    /// Who was found before, and for how many searches more that holds.
+    suspects: BTreeMap<CameraId, (Contradiction, u32)>,
     /// Sets until it is looked for again.
     until_search: u32,
 }
@@ -111,6 +115,7 @@ impl Hull {
             losses: Losses::default(),
             drawn: Vec::new(),
             contradictions: Vec::new(),
+            suspects: BTreeMap::new(),
             until_search: 0,
         })
     }

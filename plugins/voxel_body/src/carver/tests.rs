@@ -295,6 +295,25 @@ fn a_camera_that_is_off_by_less_than_a_body_is_left_out_and_named_with_its_shift
 }
 
 #[test]
+fn a_camera_that_shows_to_be_off_now_and_then_stays_left_out_and_comes_back_once_it_fits() {
+    let setup = setup();
+    let right = set(&setup, &[[0.1, 0.0]]);
+    let mut wrong = right.clone();
+    wrong[2] = silhouette(&setup.calibration, 2, &[[0.1, 0.15]]);
+    let mut bench = NodeBench::<Carver>::with_setup(CarverSettings { voxel_mm: 20.0, ..settings() }, &setup).unwrap();
+    // A search in every ninth set: it shows in each second one, four times, and no more.
+    for at in 0..14 * 9_u32 {
+        let is_off = at < 63 && (at / 9).is_multiple_of(2);
+        let set = if is_off { wrong.clone() } else { right.clone() };
+        bench.feed_set(&SILHOUETTES, Time::from_s(f64::from(at) / 25.0), set).unwrap();
+    }
+    let out: Vec<bool> =
+        bench.outputs(&VOXELS).iter().map(|it| it.value.views[2].status == ViewStatus::Contradicts).collect();
+    assert!(out[..63].iter().all(|it| *it), "{out:?}");
+    assert!(out[13 * 9..].iter().all(|it| !*it), "{out:?}");
+}
+
+#[test]
 fn two_cameras_that_are_off_at_once_are_both_named_and_no_good_one_is() {
     let true_setup = setup_of(8);
     let set: Vec<Silhouette> = (0..8).map(|it| silhouette(&true_setup.calibration, it, &[[0.1, 0.0]])).collect();

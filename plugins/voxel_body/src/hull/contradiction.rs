@@ -42,6 +42,9 @@ const TRIED: usize = 3;
 const BAD: f64 = 0.6;
 /// Sets for which a finding, or none, holds.
 const HOLDS: u32 = 8;
+/// What a finding weighs in searches that do not find it again, and the most that several do: a camera that is a little off shows in some poses only, and a hull with it now and then has errors that come and go.
+const FINDING: u32 = 2;
+const MOST_FINDINGS: u32 = 6;
 
 impl Hull {
     /// The hull, without views that contradict the others.
@@ -92,8 +95,33 @@ impl Hull {
             }
             found = self.hull_of(views, statuses, self.grid)?;
         }
+        if self.remember(views, statuses, n_used / ONE_OF) {
+            found = self.hull_of(views, statuses, self.grid)?;
+        }
         self.until_search = HOLDS;
         Ok(found)
+    }
+
+    /// Leaves out who was found before too, for a while, up to `most` views; whether there are any.
+    fn remember(&mut self, views: &[View], statuses: &mut [ViewStatus], most: usize) -> bool {
+        self.suspects.retain(|camera, (_, weight)| {
+            *weight -= u32::from(self.contradictions.iter().all(|it| it.camera != *camera));
+            *weight > 0
+        });
+        for it in &self.contradictions {
+            let (known, weight) = self.suspects.entry(it.camera).or_insert((*it, 0));
+            (*known, *weight) = (*it, (*weight + FINDING).min(MOST_FINDINGS));
+        }
+        let n_found = self.contradictions.len();
+        for (view, status) in views.iter().zip(statuses).filter(|it| *it.1 == ViewStatus::Used) {
+            if let Some((suspect, _)) = self.suspects.get(&view.silhouette.camera)
+                && self.contradictions.len() < most
+            {
+                *status = ViewStatus::Contradicts;
+                self.contradictions.push(*suspect);
+            }
+        }
+        self.contradictions.len() > n_found
     }
 
     fn leave_out_known(&self, views: &[View], statuses: &mut [ViewStatus]) {
