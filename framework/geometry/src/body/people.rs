@@ -13,7 +13,7 @@ use super::acquire::AcquisitionFailure;
 use super::field::VoxelField;
 use super::fit::{Labelled, Skins};
 use super::parts::{Limb, Part};
-use super::tracker::{BodyTracker, LimbLevel, TrackerOptions};
+use super::tracker::{BodyTracker, LimbLevel, TrackerOptions, UPRIGHT};
 
 /// How bodies are told apart.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,9 +30,8 @@ pub struct PeopleOptions {
     pub gap: f64,
 }
 
-/// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso so upright (a cosine): crouching and stooping by up to 50° are allowed.
+/// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
-const BESIDE_UPRIGHT: f64 = 0.64;
 
 impl Default for PeopleOptions {
     /// A hand at 6 m/s goes 0.2 m in a thirtieth of a second. Two heads that touch are 0.18 m apart. A seam or a shadow's edge that silhouettes lose is a few centimetres wide.
@@ -160,7 +159,7 @@ impl People {
             }
             let tracker = &followed.tracker;
             let is_trunk = Limb::ALL.iter().all(|it| tracker.level(*it) == LimbLevel::Absent);
-            let is_doubtful = is_shared[place] && is_trunk && upright_of(tracker) < BESIDE_UPRIGHT;
+            let is_doubtful = is_shared[place] && is_trunk && tracker.upright() < UPRIGHT;
             followed.doubt_s = if is_doubtful { followed.doubt_s + dt_s } else { 0.0 };
         }
         // Somebody new beside somebody: voxels that hang together with a body and are not near it.
@@ -270,14 +269,14 @@ impl People {
 
     /// Who comes in close to somebody else walks in; who lies there is found once apart.
     fn upright(&self, tracker: BodyTracker, field: &VoxelField) -> Result<BodyTracker, AcquisitionFailure> {
-        let upright = upright_of(&tracker);
+        let upright = tracker.upright();
         let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min);
         let found = tracker.filter().body.centre(Part::Head).z - lowest;
         let expected = BESIDE_HEAD * self.options.tracker.proportions.stature;
-        if upright >= BESIDE_UPRIGHT && found >= expected {
+        if upright >= UPRIGHT && found >= expected {
             return Ok(tracker);
         }
-        Err(AcquisitionFailure::Beside { found, expected, upright, least_upright: BESIDE_UPRIGHT })
+        Err(AcquisitionFailure::Beside { found, expected, upright, least_upright: UPRIGHT })
     }
 
     fn is_known(&self, tracker: &BodyTracker) -> bool {
@@ -285,11 +284,6 @@ impl People {
         let found = head(tracker);
         self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
     }
-}
-
-/// Cosine between the torso and the vertical [–].
-fn upright_of(tracker: &BodyTracker) -> f64 {
-    (tracker.filter().body.turn(Part::Torso) * Vector3::z()).z
 }
 
 /// Of each component, the number of one that it goes with: small ones go with what lies across a gap, as far as cubes of its size that touch tell.

@@ -149,8 +149,11 @@ const MOST_DOUBT: f64 = 1.4;
 /// Of the head's skin, what may lack, and what the limbs' sizes may be less likely, for a doubt of 1 each [–].
 const HEAD_LACKS: f64 = 0.3;
 const LIMBS_UNUSUAL: f64 = 30.0;
-/// A head of which so much is there is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there.
+/// A head of which so much is there above an upright trunk is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there, or the trunk lies.
 const CLEAR_HEAD: f64 = 0.9;
+
+/// A trunk as upright as this stands or stoops by up to 50°: cosine of its angle to the vertical [–].
+pub(super) const UPRIGHT: f64 = 0.64;
 
 /// Errors of hulls last so long [s]: chosen on people that are not in the figures, among 0.1 to 0.5.
 const POSE_S: f64 = 0.3;
@@ -246,7 +249,8 @@ impl BodyTracker {
             }
         }
         let head = tracker.support.covered[Part::Head.index()];
-        if tracker.doubt() > MOST_DOUBT && head < CLEAR_HEAD && !field.is_cut_off() {
+        let is_clear = head >= CLEAR_HEAD && tracker.upright() >= UPRIGHT;
+        if tracker.doubt() > MOST_DOUBT && !is_clear && !field.is_cut_off() {
             return Err(AcquisitionFailure::Unlike { head, limbs: tracker.sigmas_of_limbs() });
         }
         if tracker.support.unexplained > options.acquisition.most_unexplained {
@@ -340,6 +344,11 @@ impl BodyTracker {
     fn doubt(&self) -> f64 {
         let lacks = (1.0 - self.support.covered[Part::Head.index()]).max(0.0);
         (lacks / HEAD_LACKS).powi(2) + (self.unusual_limbs() / LIMBS_UNUSUAL).powi(2)
+    }
+
+    /// Cosine between the torso and the vertical [–].
+    pub fn upright(&self) -> f64 {
+        (self.filter.body.turn(Part::Torso) * Vector3::z()).z
     }
 
     /// How far the limbs' sizes are from those of people, in standard deviations, root mean square [–].
