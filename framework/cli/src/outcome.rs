@@ -7,7 +7,7 @@ use std::collections::btree_map::Entry;
 use std::fmt::Write;
 use std::path::Path;
 
-use foveate_engine::{Outcome, Unmet};
+use foveate_engine::{GapRecord, Outcome, Unmet};
 use foveate_node::error::Blame;
 use foveate_rig::graph::Graph;
 
@@ -35,7 +35,9 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     if n_left_out > 0 {
         line(&format!("  … and {n_left_out} more in summary.json"));
     }
-    for (remark, others) in alike(&outcome.report.remarks, |it| kind(graph, it)) {
+    for (remark, others) in
+        alike(&outcome.report.remarks, |it| kind(|word| graph.calibration.index_of(word).is_some(), it))
+    {
         line(&format!("note: {remark}{}", and_more(others)));
     }
     lost(outcome, ", in events.csv").iter().for_each(|it| line(it));
@@ -71,13 +73,18 @@ pub fn failures(outcome: &Outcome) -> Vec<String> {
 /// Gaps and failures, a line each; `elsewhere` says where those are that are too many.
 pub fn lost(outcome: &Outcome, elsewhere: &str) -> Vec<String> {
     let mut lines = Vec::new();
-    // The same words of several nodes are one line.
-    let mut shown: BTreeMap<&str, usize> = BTreeMap::new();
-    for (gap, others) in alike(&outcome.gaps, |it| (without_cameras(&it.instance), it.reason.clone())) {
-        let of_node = shown.entry(gap.instance.as_str()).or_default();
+    // The same words of several nodes, and of several files, are one line.
+    let of_kind = |it: &GapRecord| {
+        let is_camera =
+            |word: &str| it.instance.split_once('[').is_some_and(|rest| rest.1.starts_with(&format!("{word}]")));
+        (without_cameras(&it.instance), kind(is_camera, &it.reason))
+    };
+    let mut shown: BTreeMap<String, usize> = BTreeMap::new();
+    for (gap, others) in alike(&outcome.gaps, of_kind) {
+        let of_node = shown.entry(without_cameras(&gap.instance)).or_default();
         *of_node += 1;
         if *of_node <= GAPS_SHOWN {
-            let more = if others == 0 { String::new() } else { format!(" (and the same of {others} more cameras)") };
+            let more = if others == 0 { String::new() } else { format!(" (and {others} more like it{elsewhere})") };
             lines.push(format!("gap: {} at {}{}: {}{more}", gap.instance, gap.time, times(gap.count), gap.reason));
         }
     }
@@ -106,8 +113,8 @@ fn alike<T, K: Ord>(list: &[T], kind: impl Fn(&T) -> K) -> Vec<(&T, usize)> {
     first
 }
 
-/// A note without what differs from camera to camera: its name, and numbers.
-fn kind(graph: &Graph, remark: &str) -> String {
+/// A note or a reason without what differs from camera to camera: its name, and numbers.
+fn kind(is_camera: impl Fn(&str) -> bool, remark: &str) -> String {
     let is_word = |it: char| it.is_alphanumeric() || matches!(it, '-' | '_' | '.');
     let mut text = String::new();
     let mut word = String::new();
@@ -116,8 +123,7 @@ fn kind(graph: &Graph, remark: &str) -> String {
             word.push(c);
             continue;
         }
-        let is_camera = graph.calibration.index_of(word.trim_end_matches('.')).is_some();
-        if is_camera {
+        if is_camera(word.trim_end_matches('.')) {
             text.push('*');
         } else {
             text.extend(word.chars().map(|it| if it.is_ascii_digit() { '#' } else { it }));
@@ -183,6 +189,14 @@ mod tests {
         let list = ["a 1", "b", "a 2", "a 3"];
         assert_eq!(alike(&list, |it| it.chars().next()), [(&"a 1", 2), (&"b", 0)]);
         assert_eq!(and_more(0), "");
+    }
+
+    #[test]
+    fn words_that_differ_in_camera_and_number_are_of_one_kind() {
+        let of = |camera: &str, text: &str| kind(|it| it == camera, text);
+        let [a, b] = [of("c1", "`d/c1/00000.png` is 20 x 15 px"), of("c2", "`d/c2/00031.png` is 200 x 150 px")];
+        assert_eq!(a, b);
+        assert_ne!(a, of("c1", "`d/c1/00000.png` is no picture"));
     }
 
     #[test]
