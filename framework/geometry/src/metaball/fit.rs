@@ -227,6 +227,8 @@ pub struct BodyFit {
     pub rms_m: f64,
     /// Observations farther off than [`BodyFitOptions::outlier_sigmas`].
     pub outliers: usize,
+    /// Of the points and rays of a surface, the share that is farther off [–].
+    pub off_share: f64,
     /// Observations before the joint of a segment that is cut there: of what the model does not have.
     pub beyond: usize,
     /// By segment: how many observations it has that are independent of each other, outliers left out [–].

@@ -23,6 +23,9 @@ pub(super) struct Reading {
     pub clicks: Vec<(usize, Point3<f64>)>,
 }
 
+/// Joints of each arm and leg below shoulder and hip, by their places in [`BODY_JOINTS`].
+pub(super) const LIMBS: [[usize; 2]; 4] = [[4, 6], [5, 7], [10, 12], [11, 13]];
+
 /// Exchanges of left and right that people make.
 const SIDES: [(&str, &[usize]); 7] = [
     ("left and right of the clicked joints", &[2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]),

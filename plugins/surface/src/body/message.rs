@@ -66,7 +66,8 @@ pub(super) fn joint_place(body: &Body, joint: usize) -> Option<(usize, Vector3<f
     Some((segment, Vector3::new(0.0, 0.0, along)))
 }
 
-fn place(body: &Body, posed: &Posed, state: &State, (segment, place): (usize, Vector3<f64>)) -> Point3<f64> {
+/// Where a place of a segment is in the world.
+pub(super) fn place(body: &Body, posed: &Posed, state: &State, (segment, place): (usize, Vector3<f64>)) -> Point3<f64> {
     posed.world_from_segment[segment] * Point3::from(place * state.scales[body.skeleton.segments()[segment].scale])
 }
 

@@ -1,25 +1,27 @@
 //! A body from message to message: starts, priors from the posture before, the shape that is learnt and kept.
 
+mod middle_line;
+pub(super) mod start;
+
 use std::collections::BTreeMap;
 
 use foveate::geometry::metaball::{
     Body, BodyFit, BodyFitOptions, BodyObservation, Doubt, Free, Priors, RootPrior, State, anthropometric, fit_body,
 };
 use foveate::prelude::*;
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
 
-use super::clicks;
-use super::message::{Before, joint_place, skeleton_of};
+use self::start::Refused;
+use super::message::{Before, skeleton_of};
 use super::outline::Outline;
 
-/// An arm that was found without clicks and is farther from what people have may lie back to front: of the simulated arm that is 22 to 23 (`graphs/surface_body.toml` without `joints`, seeds 2 to 5) [–].
-const MOST_OFF: f64 = 15.0;
 /// A lever with which turns become shifts of the root [m].
 const LEVER_M: f64 = 0.3;
+/// Where more of the points lie off a body, it lies elsewhere: of right fits of simulated arms it is 3 % at most and of wrong ones 15 to 33 %, of right fits of simulated people, whose clothes hang off, 11 to 14 % and of wrong ones 23 % and more [–].
+const MOST_OFF_ARM: f64 = 0.1;
+const MOST_OFF_PERSON: f64 = 0.18;
 /// Fewer points are no body [–].
 const LEAST_POINTS: usize = 20;
-/// How many clicked joints start a body.
-const LEAST_CLICKS: usize = 3;
 /// How well a person's height is known that was said "about", beside people's spread of 4 % about their mean [–].
 const STATURE_SIGMA: f64 = 0.08;
 /// How well it is known how stout and how thickly dressed somebody is, stature included: standard deviation of what the thicknesses of all limbs have in common [–].
@@ -30,20 +32,6 @@ const LENGTH_SIGMA: f64 = 0.045;
 const UPPER_ARM_SIGMA: f64 = 0.07;
 /// Lengths of people farther from what goes with their stature are no people's: three standard deviations of all people, 6 % [σ of [`LENGTH_SIGMA`]].
 const MOST_LENGTH_SIGMAS: f64 = 4.0;
-/// Clicked joints under other names are right where all that does not fit is less by this factor and by so much: of simulated arms and people in right order it is a half of that in any other at most, and mostly a fifth [–].
-const MUCH_BETTER: f64 = 2.0;
-const CLEARLY: f64 = 4.0;
-const CLEARLY_IN_SIZE: f64 = 2.0;
-/// What points off the body count beside squared standard deviations, all of them: as much as lengths and clicks that are far off [–].
-const OFF_WEIGHT: f64 = 50.0;
-/// Points may be farther by so much from a body whose lengths are people's than from one whose lengths are not [–].
-const AS_NEAR: f64 = 1.1;
-/// A point is of no part of the body as it lies when it is farther from its surface: cloth hangs off by less [m].
-const STRAY_M: f64 = 0.05;
-/// Within this of each other such points are of one limb: about half of a shank [m].
-const STRAY_REACH_M: f64 = 0.15;
-/// Of all points, so many that lie together and off are no accident: of 120 right fits of simulated people 1.1 % at most, and a shank has 6 % [–].
-const MOST_STRAY: f64 = 0.02;
 /// A body of more lengths is no arm.
 const ARM_SCALES: usize = 3;
 /// Lines of sight that pass farther from all points of an arm are of the rest of the person [m].
@@ -62,6 +50,9 @@ pub(super) struct Rules {
     pub shape_frames: u32,
     pub options: BodyFitOptions,
 }
+
+/// Why there is no body: in short, and in words.
+pub(super) type Refusal = (&'static str, String);
 
 /// What became of a message.
 pub(super) enum Outcome {
@@ -99,11 +90,13 @@ pub(super) struct BodyTracker {
     last: Option<Last>,
     /// Places of tracked points on their segments, of the template's length [m].
     places: BTreeMap<u32, (usize, Vector3<f64>)>,
+    /// The last clicks that no body was begun from.
+    refused: Option<Refused>,
 }
 
 impl BodyTracker {
     pub fn new(body: Body, template: State, rules: Rules) -> Self {
-        Self { body, template, rules, shape: (Vec::new(), 0), last: None, places: BTreeMap::new() }
+        Self { body, template, rules, shape: (Vec::new(), 0), last: None, places: BTreeMap::new(), refused: None }
     }
 
     pub fn body(&self) -> &Body {
@@ -244,7 +237,7 @@ impl BodyTracker {
         rays: &[BodyObservation],
         last: &Last,
         since_s: f64,
-    ) -> Result<BodyFit, (&'static str, String)> {
+    ) -> Result<BodyFit, Refusal> {
         let mut all = self.observed(chosen);
         all.extend_from_slice(rays);
         if self.rules.slide_m > 0.0 {
@@ -261,31 +254,6 @@ impl BodyTracker {
         let priors = Priors { root: Some(root), angles, ..self.usual() };
         let options = BodyFitOptions { free: self.free(), rough: false, ..self.rules.options.clone() };
         fit_body(&self.body, &all, &start, &priors, &options).map_err(|it| ("no_start", it.to_string()))
-    }
-
-    /// A forearm may grow over a hand, and its sleeve over both: a minimum of its own, whose lengths few people have. There the posture is sought once more with lengths that go with the
-    /// stature, and from it all; what comes of that is taken where it is like people and points are as near to it.
-    fn in_proportion(&self, found: BodyFit, observations: &[BodyObservation], options: &BodyFitOptions) -> BodyFit {
-        if self.body.skeleton.n_scales() <= ARM_SCALES || !options.free.scales || !has_odd_length(&found) {
-            return found;
-        }
-        let log: f64 =
-            found.state.scales.iter().zip(&self.template.scales).map(|(now, usual)| (now / usual).ln()).sum();
-        let stature = (log / found.state.scales.len() as f64).clamp(-STATURE_SIGMA, STATURE_SIGMA).exp();
-        let start =
-            State { scales: self.template.scales.iter().map(|it| it * stature).collect(), ..found.state.clone() };
-        let usual = self.usual();
-        let mut priors =
-            Priors { radii: usual.radii, scales: usual.scales, stature: usual.stature, ..anthropometric(&start) };
-        self.rest(&mut priors.angles, |_| true);
-        let search = |start: &State, free: Free, rough: bool| {
-            let options = BodyFitOptions { free, rough, ..options.clone() };
-            fit_body(&self.body, observations, start, &priors, &options).ok()
-        };
-        let fit = search(&start, Free::POSTURE, true).and_then(|it| search(&it.state, options.free, false));
-        let most_m = AS_NEAR * found.rms_m;
-        let is_better = |it: &BodyFit| blame(it).is_none() && !has_odd_length(it) && it.rms_m < most_m;
-        fit.filter(is_better).unwrap_or(found)
     }
 
     /// Hands and feet, of those that `are_meant`, are known to go with forearm and shank: without points they would hang as they happened to be.
@@ -325,166 +293,6 @@ impl BodyTracker {
     fn free(&self) -> Free {
         if self.shape.1 < self.rules.shape_frames { Free::ALL } else { Free::POSTURE }
     }
-
-    /// All that does not fit of a body that was begun from clicks, the last `n_clicks` of its observations: squared standard deviations of points in the mean, of clicks, lengths and thicknesses, and the points that are off it.
-    fn misfit(&self, fit: &BodyFit, n_clicks: usize) -> f64 {
-        let clicks = &fit.distances_m[fit.distances_m.len() - n_clicks..];
-        let off_clicks: f64 = clicks.iter().map(|it| (it / self.rules.clicked_m).powi(2)).sum();
-        let share = fit.outliers as f64 / (fit.distances_m.len() - n_clicks).max(1) as f64;
-        let of_points = (fit.rms_m / self.rules.options.model_sigma_m).powi(2);
-        of_points + off_clicks + off_people(&fit.state, &self.template) + OFF_WEIGHT * share
-    }
-
-    /// From clicked joints, or from the points alone.
-    fn anew(
-        &self,
-        chosen: &[&TrackedPoint],
-        rays: &[BodyObservation],
-        clicks: &BTreeMap<usize, Point3<f64>>,
-    ) -> Result<BodyFit, (&'static str, String)> {
-        let mut start = self.known(&self.template);
-        let points = [&self.observed(chosen)[..], rays].concat();
-        let clicks: Vec<(usize, Point3<f64>)> =
-            clicks.iter().map(|it| (*it.0, *it.1)).filter(|it| joint_place(&self.body, it.0).is_some()).collect();
-        let clicked_m = self.rules.clicked_m;
-        let anchors = clicks::anchors(&self.body, &clicks, clicked_m);
-        let options = BodyFitOptions { free: self.free(), ..self.rules.options.clone() };
-        let n = chosen.len() as f64;
-        let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
-        let is_clicked = anchors.len() >= LEAST_CLICKS;
-        let fit = |start: &State, observations: &[BodyObservation], options: &BodyFitOptions| {
-            let usual = self.usual();
-            let mut priors =
-                Priors { radii: usual.radii, scales: usual.scales, stature: usual.stature, ..anthropometric(start) };
-            if is_clicked {
-                self.rest(&mut priors.angles, |_| true);
-            }
-            // Nothing says which way it faces, nor more than roughly where it is.
-            priors.root = Some(RootPrior { world_from_root: start.world_from_root, turn_sigma: 2.0, shift_sigma: 0.3 });
-            fit_body(&self.body, observations, start, &priors, options).map_err(|it| ("no_start", it.to_string()))
-        };
-        if is_clicked {
-            if let Some(reason) = clicks::too_far_apart(&self.body, &self.template, &clicks, clicked_m) {
-                return Err(("no_start", reason));
-            }
-            start.world_from_root.translation.vector = centroid;
-            let clicked = [&points[..], &anchors].concat();
-            let found = self.in_proportion(fit(&start, &clicked, &options)?, &clicked, &options);
-            let is_person = self.body.skeleton.n_scales() > ARM_SCALES;
-            let n_clicks = anchors.len();
-            let own = self.misfit(&found, n_clicks);
-            for other in clicks::other_readings(&self.body, &self.template, &clicks, clicked_m, is_person) {
-                let anchors = clicks::anchors(&self.body, &other.clicks, clicked_m);
-                let Ok(turned) = fit(&start, &[&points[..], &anchors].concat(), &options) else { continue };
-                let misfit = self.misfit(&turned, n_clicks);
-                let is_better = MUCH_BETTER * misfit < own && misfit + CLEARLY < own;
-                // An arm alone is nearly as right the other way round: there how long and thick it is decides.
-                let [size, turned_size] = [&found, &turned].map(|it| off_people(&it.state, &self.template));
-                let is_like_people = !is_person
-                    && turned.rms_m < found.rms_m.max(self.rules.options.model_sigma_m)
-                    && MUCH_BETTER * turned_size < size
-                    && turned_size + CLEARLY_IN_SIZE < size;
-                if is_better || is_like_people {
-                    let reason = format!(
-                        "{} look exchanged: as they are, points, clicks, lengths and thicknesses are {own:.1} squared standard deviations off a person's, exchanged {misfit:.1}",
-                        other.what
-                    );
-                    return Err(("no_start", reason));
-                }
-            }
-            if self.body.skeleton.n_scales() > ARM_SCALES
-                && let Some(reason) = stray(chosen, &found)
-            {
-                return Err(("elsewhere", reason));
-            }
-            return Ok(found);
-        }
-        if self.body.skeleton.n_scales() > ARM_SCALES {
-            let reason = format!("{} clicked joints of the model, expected {LEAST_CLICKS} at least", anchors.len());
-            return Err(("no_start", reason));
-        }
-        // An arm by itself: tried along the points' longest axis, either way, in four turns about it.
-        let longest = longest_axis(chosen, &centroid);
-        let mut best: Option<(f64, BodyFit)> = None;
-        // Which way it lies is told by its joints more than by anything: they count in full.
-        let options = BodyFitOptions { joint_sigma_m: 0.0, ..options };
-        for way in [longest, -longest] {
-            let along = UnitQuaternion::rotation_between(&Vector3::z(), &way)
-                .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
-            for quarter in 0..4 {
-                let about = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
-                let rotation = along * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), about);
-                let reach: f64 = self.body.skeleton.segments().iter().map(|it| it.length).sum();
-                let shoulder = centroid - way * (0.5 * reach);
-                let mut state = start.clone();
-                state.world_from_root = Isometry3::from_parts(shoulder.into(), rotation);
-                state.angles[0] = 0.5;
-                // One or two joints that were clicked say which way it lies.
-                let found = fit(&state, &[&points[..], &anchors].concat(), &options)?;
-                let off = found.distances_m[points.len()..].iter().map(|it| (it / self.rules.clicked_m).powi(2));
-                let clicks = 1.0 + off.sum::<f64>();
-                let cost = clicks * found.rms_m * (1.0 + found.outliers as f64 / n) + found.doubts.len() as f64;
-                if best.as_ref().is_none_or(|it| cost < it.0) {
-                    best = Some((cost, found));
-                }
-            }
-        }
-        let (_, found) = best.ok_or(("no_start", "no way to lie in the points".to_owned()))?;
-        let off = off_people(&found.state, &self.template);
-        if off > MOST_OFF {
-            let reason = format!(
-                "without {LEAST_CLICKS} clicked joints it is not clear which way the arm lies: the best one has lengths and thicknesses that few people have ({off:.0} in squared standard deviations, \
-                 expected {MOST_OFF} at most); expected `clicked` or `joints`"
-            );
-            return Err(("no_start", reason));
-        }
-        Ok(found)
-    }
-}
-
-/// Whether a segment is longer or shorter than in most people.
-fn has_odd_length(fit: &BodyFit) -> bool {
-    fit.doubts.iter().any(|it| matches!(it, Doubt::Misshapen { what: "length", .. }))
-}
-
-/// What is said of points that lie together and off the body: as a shank does whose knee is bent the wrong way. They are fewer than what tells that the whole body lies elsewhere.
-pub(super) fn stray(chosen: &[&TrackedPoint], fit: &BodyFit) -> Option<String> {
-    let is_far = |it: &f64| it.is_nan() || it.abs() > STRAY_M;
-    let far: Vec<Point3<f64>> =
-        chosen.iter().zip(&fit.distances_m).filter(|it| is_far(it.1)).map(|it| it.0.position).collect();
-    let beside = |at: &Point3<f64>| far.iter().filter(|it| (*it - at).norm() < STRAY_REACH_M).count();
-    let (most, at) = far.iter().map(|it| (beside(it), it)).max_by_key(|it| it.0)?;
-    let share = most as f64 / chosen.len() as f64;
-    (share > MOST_STRAY).then(|| {
-        let [x, y, z]: [f64; 3] = at.coords.into();
-        format!(
-            "{most} of {} points, together about ({x:.2}, {y:.2}, {z:.2}) m, lie more than {:.0} mm off the body, expected {:.0} at most: a limb lies elsewhere than the body has it; expected clicked joints \
-             nearer to where they are",
-            chosen.len(),
-            1e3 * STRAY_M,
-            MOST_STRAY * chosen.len() as f64
-        )
-    })
-}
-
-/// How far lengths and thicknesses are from what people have: the sum of squares, in standard deviations.
-fn off_people(state: &State, template: &State) -> f64 {
-    let usual = anthropometric(template);
-    let lengths = state.scales.iter().zip(&usual.scales).map(|(it, (mean, sigma))| ((it / mean).ln() / sigma).powi(2));
-    let sigma = usual.radii.as_ref().map_or(1.0, |it| it.thickness);
-    let thick =
-        |(now, usual): (&Vector3<f64>, &Vector3<f64>)| now.component_div(usual).xy().map(f64::ln).mean() / sigma;
-    lengths.sum::<f64>() + state.radii.iter().zip(&template.radii).map(|it| thick(it).powi(2)).sum::<f64>()
-}
-
-/// The direction in which points spread most, of length 1.
-fn longest_axis(points: &[&TrackedPoint], centroid: &Vector3<f64>) -> Vector3<f64> {
-    let spread = points.iter().fold(nalgebra::Matrix3::zeros(), |sum, it| {
-        let off = it.position.coords - centroid;
-        sum + off * off.transpose()
-    });
-    let eigen = spread.symmetric_eigen();
-    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
 }
 
 fn is_extremity(segment: &str) -> bool {
@@ -497,13 +305,21 @@ fn is_before_extremity(segment: &str) -> bool {
 }
 
 /// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
-pub(super) fn blame(fit: &BodyFit) -> Option<(&'static str, String)> {
+pub(super) fn blame(fit: &BodyFit) -> Option<Refusal> {
     let is_person = fit.state.scales.len() > ARM_SCALES;
+    let most_off = if is_person { MOST_OFF_PERSON } else { MOST_OFF_ARM };
+    if fit.off_share > most_off {
+        let reason = format!(
+            "{:.0} % of the points lie off the body, expected {:.0} % at most: a limb lies elsewhere than the body has it, much is seen that is none of it, or clothes stand off by more than `model_mm` allows",
+            1e2 * fit.off_share,
+            1e2 * most_off
+        );
+        return Some(("elsewhere", reason));
+    }
     let supported = fit.support.iter().filter(|it| **it > 0.0).count();
     let unsupported = fit.doubts.iter().filter(|it| matches!(it, Doubt::Unsupported { .. })).count();
     for doubt in &fit.doubts {
         match doubt {
-            Doubt::Elsewhere { .. } => return Some(("elsewhere", doubt.to_string())),
             // Where the trunk ends and the pelvis begins no surface shows: one is long, or thick, where the other is not.
             Doubt::Misshapen { segment, .. } if segment == "pelvis" || is_extremity(segment) => (),
             Doubt::Misshapen { segment, what, sigmas, most } => {

@@ -115,6 +115,7 @@ impl Search<'_> {
             segments,
             rms_m,
             outliers,
+            off_share: share,
             beyond,
             support,
             doubts,
