@@ -8,7 +8,7 @@ use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
 
 use crate::cover::{Covered, LeftOut, cover, pieces, remove};
-use crate::in_step::InStep;
+use crate::in_step::{InStep, OFF_LINES};
 use crate::measure::{Measurer, Sample, plane_warp};
 use crate::repeats::Repeats;
 use crate::seeds::{SeedCounts, find_seeds};
@@ -43,9 +43,7 @@ const FACING: f64 = 0.5;
 /// and of points that lie so a larger part than this is seen unless something is wrong [–].
 const UNSEEN: f64 = 0.5;
 
-/// Of patches that are recognised so many lie off their epipolar lines where the calibration is wrong, [–]
-const MISFITS: f64 = 0.1;
-/// and so many of them are no chance [–].
+/// So many patches off their epipolar lines are no chance [–].
 const LEAST_MISFITS: f64 = 20.0;
 
 /// A named seed is good to so many pixels.
@@ -80,13 +78,18 @@ impl Engine {
     /// Why the points of a moment are not given out: their cameras are out of step, or one was moved; else they are counted, and for each whether all views see it before which it lies.
     pub fn give<'a>(&mut self, points: impl Iterator<Item = (&'a Sample, &'a Vector3<f64>)> + Clone) -> Option<String> {
         let misfits = self.misfits();
-        let passed: Vec<f64> = points.clone().map(|it| it.0.misfit_px).collect();
-        let why =
-            self.in_step.judge(&passed, self.prepared.measure.max_misfit_px, [self.measurer.measured as f64, misfits]);
+        let samples: Vec<&Sample> = points.clone().map(|it| it.0).collect();
+        let Prepared { views, measure, .. } = &self.prepared;
+        let why = self.in_step.judge(views, &samples, measure, [self.measurer.measured as f64, misfits]);
         if why.is_none() {
             points.for_each(|(sample, normal)| self.count(sample, normal));
         }
         why
+    }
+
+    /// By what the variances of the last moment's points are multiplied, for cameras that contradict each other [–].
+    pub fn widened(&self) -> f64 {
+        self.in_step.widened()
     }
 
     /// Patches that were recognised in another view off their epipolar lines.
@@ -174,7 +177,7 @@ impl Engine {
                 picture.and_then(|it| it.finest().at(x, y)).map_or(255, |it| it.round().clamp(0.0, 255.0) as u8);
             cloud.push(&CloudPoint {
                 position: it.sample.position.cast(),
-                covariance: it.sample.covariance.cast(),
+                covariance: (it.sample.covariance * self.widened()).cast(),
                 normal: it.normal.cast(),
                 confidence: it.confidence as f32,
                 pixel: [x.round() as u16, y.round() as u16],
@@ -206,10 +209,10 @@ impl Engine {
         }
         let misfits = self.misfits();
         let attempts = self.measurer.measured as f64 + misfits;
-        if misfits > LEAST_MISFITS && misfits > MISFITS * attempts {
+        if misfits > LEAST_MISFITS && misfits > OFF_LINES * attempts && self.given.0 == 0 {
             report.remark(format!(
                 "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there: the calibration is not that of these pictures (cameras exchanged, pictures mirrored, \
-                 turned or cropped, a camera moved since), or cameras are out of step; what is given out happens to lie on them and is not to be believed before that is found",
+                 turned or cropped, a camera moved since), or cameras are out of step; nothing is given out, for what happens to lie on the lines is not to be believed before that is found",
                 100.0 * misfits / attempts
             ));
         }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use foveate::estimation::statistics::median;
 use foveate::prelude::*;
 
+use crate::measure::{MeasureOptions, Sample};
 use crate::views::View;
 
 /// What was seen of it from moment to moment.
@@ -16,12 +17,24 @@ pub struct InStep {
     stuck: Vec<u64>,
     /// By moment: how far lines of sight pass the places that they agree on, in the median [px].
     medians: Vec<f64>,
-    /// Of patches that are recognised so many lay off their epipolar lines in the moment that had fewest [–].
-    least_share: Option<f64>,
     /// Points that were measured, and patches that lay off their epipolar lines, up to the moment before.
     counted: [f64; 2],
     /// Moments that were left out.
     left_out: u64,
+    /// Moments in which three views or more contradict each other, and the worst of them.
+    contradicted: (u64, Option<Contradiction>),
+    /// What that makes of variances in the last moment [–].
+    widened: f64,
+}
+
+/// Views that do not agree to what is known of them.
+#[derive(Debug, Clone)]
+struct Contradiction {
+    /// How far lines of sight pass their places, and how far matches and calibration would have them do so, in the median [px].
+    found_px: f64,
+    expected_px: f64,
+    /// The view without which the others agree, where it is one, and how far they pass then [px].
+    without: Option<(String, f64)>,
 }
 
 /// The median of fewer points says nothing about the cameras [–].
@@ -36,10 +49,14 @@ const GROWN_PX: f64 = 0.1;
 const MUCH_MORE: f64 = 9.0;
 /// at least and at most by these parts of what they may at all: lenses, rolling shutters and cameras that creep make less, of a real rig 0.12 px a picture [–].
 const LEFT_OUT: [f64; 2] = [0.25, 0.5];
-/// So is one in which so many of the patches that are recognised lie off their epipolar lines, [–]
-const OFF_LINES: f64 = 0.1;
-/// so many times as many as in the best moment [–].
-const MORE_OFF: f64 = 4.0;
+/// So is one in which so many of the patches that are recognised lie off their epipolar lines: of scenes that are in step and as they were calibrated it is 4 % at most, of cameras that were exchanged 10 to 32 % [–].
+pub const OFF_LINES: f64 = 0.08;
+/// Three views or more contradict each other where their lines of sight pass by so many times what their matches and the calibration (`camera_sigma_px`) would have: chance makes 1, of a median over a moment's points [–].
+const CONTRADICTS: f64 = 2.5;
+/// Points of a moment that are asked which view it is, at most [–].
+const ASKED: usize = 60;
+/// A view is named where the others pass by less than this part of what they do without any other view [–].
+const NAMED: f64 = 0.4;
 
 impl InStep {
     /// Cameras that show the same picture as a moment before, to the last bit, while another one's has changed, and what is said of them.
@@ -72,34 +89,90 @@ impl InStep {
         (same.into_iter().map(|at| views[at].id).collect(), faults)
     }
 
-    /// Why a moment is left out, by how far the lines of sight of its points `passed` their places, which may be `max_px` [px], and by how many points were measured and how many patches lay off their
+    /// Why a moment is left out, by the points that it has, of which lines of sight may pass their places by `options` at most, and by how many points were measured and how many patches lay off their
     /// epipolar lines so far.
-    pub fn judge(&mut self, passed: &[f64], max_px: f64, counted: [f64; 2]) -> Option<String> {
+    pub fn judge(
+        &mut self,
+        views: &[View],
+        samples: &[&Sample],
+        options: &MeasureOptions,
+        counted: [f64; 2],
+    ) -> Option<String> {
+        let (passed, max_px) = (samples.iter().map(|it| it.misfit_px).collect::<Vec<_>>(), options.max_misfit_px);
+        self.widened = 1.0;
         let [measured, off] = [0, 1].map(|it| counted[it] - self.counted[it]);
         self.counted = counted;
         let share = (measured + off >= LEAST_POINTS as f64).then(|| off / (measured + off));
-        let least_share = self.least_share;
-        self.least_share = [share, least_share].into_iter().flatten().reduce(f64::min);
-        let now = median(passed).filter(|_| passed.len() >= LEAST_POINTS);
+        let now = median(&passed).filter(|_| passed.len() >= LEAST_POINTS);
         let least_px = self.medians.iter().copied().reduce(f64::min);
         self.medians.extend(now);
         let limit_px = |least: f64| {
             let [low, high] = LEFT_OUT.map(|it| it * max_px);
             (least + (MUCH_MORE * least).clamp(low, high)).max(GROWS * least)
         };
-        let why = match (now.zip(least_px), share.zip(least_share)) {
+        let why = match (now.zip(least_px), share) {
             (Some((now, least)), _) if now > limit_px(least) => format!(
                 "lines of sight of its points pass the places that they agree on by {now:.2} px in the median, {least:.2} px in an earlier moment"
             ),
-            (_, Some((share, least))) if share > OFF_LINES && share > MORE_OFF * least => format!(
-                "{:.0} % of the patches that were recognised in another view lie off their epipolar lines, {:.0} % in an earlier moment",
+            (_, Some(share)) if share > OFF_LINES => format!(
+                "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there, expected {:.0} % at most",
                 100.0 * share,
-                100.0 * least
+                100.0 * OFF_LINES
             ),
-            _ => return None,
+            _ => {
+                self.weigh(views, samples, options.camera_sigma_px);
+                return None;
+            }
         };
         self.left_out += 1;
-        Some(format!("{why}: cameras are out of step, or one was moved; it is left out"))
+        Some(format!("{why}: cameras are out of step, exchanged, or one was moved; it is left out"))
+    }
+
+    /// Whether three views or more contradict each other.
+    fn weigh(&mut self, views: &[View], samples: &[&Sample], camera_sigma_px: f64) {
+        let several: Vec<&Sample> = samples.iter().copied().filter(|it| it.seen.len() > 1).collect();
+        // Of n views 2 n − 3 equations are left over.
+        let variance = |it: &&Sample| {
+            let n = (it.seen.len() + 1) as f64;
+            let matched = it.seen.iter().map(|it| it.covariance.trace()).sum::<f64>() / (2.0 * n);
+            camera_sigma_px * camera_sigma_px + matched
+        };
+        let left_over = |it: &&Sample| (2.0 * it.seen.len() as f64 - 1.0) / (it.seen.len() as f64 + 1.0);
+        let middle = |of: &dyn Fn(&&Sample) -> f64| median(&several.iter().map(of).collect::<Vec<_>>());
+        let found = middle(&|it| it.misfit_px).zip(middle(&|it| (left_over(it) * variance(it)).sqrt()));
+        let Some((found_px, expected_px)) = found.filter(|_| several.len() >= LEAST_POINTS) else { return };
+        if found_px <= CONTRADICTS * expected_px {
+            return;
+        }
+        // Of three views in a line one that is off by e along it shows as e / √18, and what it shows as is what all of them may be off by: √(2 n) times as much.
+        let of_points = middle(&|it| 2.0 * (it.seen.len() as f64 + 1.0) * found_px * found_px / variance(it));
+        self.widened = 1.0 + of_points.unwrap_or(0.0);
+        let asked: Vec<&Sample> = several.iter().step_by(several.len().div_ceil(ASKED)).copied().collect();
+        let mut without: Vec<(f64, usize)> = (0..views.len())
+            .filter_map(|view| {
+                let left: Vec<f64> =
+                    asked.iter().filter_map(|it| it.misfit_without(views, view, camera_sigma_px)).collect();
+                Some((median(&left).filter(|_| 2 * left.len() > asked.len())?, view))
+            })
+            .collect();
+        without.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let without = match without[..] {
+            [(least_px, view), (next_px, _), ..]
+                if least_px < NAMED * next_px && least_px < CONTRADICTS * expected_px =>
+            {
+                Some((views[view].name.clone(), least_px))
+            }
+            _ => None,
+        };
+        self.contradicted.0 += 1;
+        if self.contradicted.1.as_ref().is_none_or(|it| found_px > it.found_px) {
+            self.contradicted.1 = Some(Contradiction { found_px, expected_px, without });
+        }
+    }
+
+    /// By what the variances of the last moment's points are to be multiplied, for views that contradict each other [–].
+    pub fn widened(&self) -> f64 {
+        self.widened
     }
 
     /// How many moments were left out.
@@ -117,7 +190,8 @@ impl InStep {
         report.figure("surface.out_of_step", self.left_out as f64);
         if self.left_out > 0 {
             report.remark(format!(
-                "{} moments were left out: lines of sight pass each other there by far more than in earlier ones: cameras are out of step (by a field, or a picture), or one was moved",
+                "{} moments were left out: lines of sight pass each other there by far more than in earlier ones, or patches lie off their epipolar lines: cameras are out of step (by a field, or a picture), exchanged, or \
+                 one was moved",
                 self.left_out
             ));
         } else if most_px > GROWN_PX && most_px > GROWS * least_px {
@@ -125,10 +199,20 @@ impl InStep {
                 "lines of sight of a moment's points pass the places that they agree on by {most_px:.2} px in one moment and by {least_px:.2} px in another, in the median, expected about the same in all: cameras are \
                  out of step (by a field, or a picture), or one was moved; depths and motions of these moments are not to be believed"
             ));
-        } else if middle_px > WIDE_PX {
+        } else if middle_px > WIDE_PX && self.contradicted.0 == 0 {
             report.remark(format!(
                 "lines of sight of points pass the places that they agree on by {middle_px:.2} px in the median, expected less than {WIDE_PX} px: lenses or places of cameras are not as they were calibrated, pictures are \
                  shifted or cropped, or cameras are out of step"
+            ));
+        }
+        if let (n, Some(Contradiction { found_px, expected_px, without })) = &self.contradicted {
+            let who = match without {
+                Some((name, left_px)) => format!("without `{name}` the others agree to {left_px:.2} px"),
+                None => "which of them it is, they do not say".to_owned(),
+            };
+            report.remark(format!(
+                "cameras contradict each other in {n} moments: lines of sight of points that three of them see pass the places that they agree on by {found_px:.2} px in the median, expected {expected_px:.2} px as matches and \
+                 `camera_sigma_px` have it; {who}: lenses or places of cameras are not as they were calibrated, pictures are shifted or cropped, or cameras are out of step; points are given out as uncertain as that makes them"
             ));
         }
         let stuck: u64 = self.stuck.iter().sum();

@@ -25,7 +25,7 @@ figures! {
     "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
     "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it and cameras that contradict each other";
 }
 
 /// Pictures of several cameras in, clouds out.
@@ -74,7 +74,7 @@ impl Node for Matcher {
             return Ok(());
         }
         self.points += surface.len() as u64;
-        self.sigmas += surface.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        self.sigmas += self.engine.widened().sqrt() * surface.iter().map(|it| it.sample.sigma()).sum::<f64>();
         self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
         io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, &surface, String::new()));
         Ok(())

@@ -347,6 +347,17 @@ impl Sample {
         starts
     }
 
+    /// How far lines of sight pass the place that they agree on without one view [px]; `None` where that leaves fewer than two, or it does not see the point.
+    pub fn misfit_without(&self, views: &[View], view: usize, sigma_px: f64) -> Option<f64> {
+        let mut left: Vec<Seen> = self.seen.iter().filter(|it| it.view != view).copied().collect();
+        if view != self.reference {
+            return (left.len() < self.seen.len() && !left.is_empty())
+                .then(|| Some(meet(views, self.reference, self.pixel, &left, sigma_px)?.2))?;
+        }
+        let first = (left.len() > 1).then(|| left.remove(0))?;
+        Some(meet(views, first.view, first.warp.at, &left, sigma_px)?.2)
+    }
+
     /// Standard deviation of the position: the root of the mean variance over the three axes [m].
     pub fn sigma(&self) -> f64 {
         (self.covariance.trace() / 3.0).max(0.0).sqrt()

@@ -44,7 +44,7 @@ figures! {
     "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
     "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it and cameras that contradict each other";
     "trajectories.count": count, neither, "Trajectories, of any length";
     "trajectories.mean_samples": count, high, "Mean number of samples of a trajectory";
     "trajectories.ended.*": count, low, "Trajectories that ended for this reason";
@@ -297,7 +297,7 @@ impl Node for Tracker {
                 self.engine.give(points).map_or(Ok(tracked), Err)
             }
         };
-        let (tracked, step) = match tracked {
+        let (mut tracked, step) = match tracked {
             Ok(tracked) => tracked,
             Err(why) => {
                 // The moment before stays what points are followed from.
@@ -311,12 +311,14 @@ impl Node for Tracker {
         };
         self.without = 0;
         self.steps.extend(step);
+        let widened = self.engine.widened();
+        tracked.list.iter_mut().for_each(|it| it.covariance *= widened);
         let spacing = self.engine.prepared.cover.spacing_px;
         let cells: BTreeSet<[usize; 2]> =
             self.state.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
         self.coverages.extend(coverage(cells.iter().copied()));
         self.state.counts.points += tracked.list.len() as u64;
-        self.state.counts.sigmas += self.state.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        self.state.counts.sigmas += widened.sqrt() * self.state.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);
         io.emit_at(&CLOUD, time, self.cloud());
         Ok(())

@@ -69,3 +69,53 @@ fn a_picture_that_comes_twice_is_taken_for_none_while_the_other_cameras_go_on() 
     let (surfaces, report) = tracked(&[still[0].clone(), still[0].clone()], &cameras(2), tracking());
     assert_eq!((surfaces.len(), report.figures["surface.stuck"]), (2, 0.0));
 }
+
+/// A plane before three cameras that moves across them, `change` made of each camera's picture.
+fn three(cameras: &[Camera], change: impl Fn(usize, usize) -> (usize, f64)) -> Vec<Vec<Image>> {
+    let scene = Scene::of(Shape::Plane, 82);
+    let one = |k: usize| {
+        let picture = |id: usize| {
+            let (shown, late) = change(k, id);
+            let at = 0.004 * (k as f64 - late);
+            scene.moved(Isometry3::translation(at, 0.3 * at, 0.0)).picture(&cameras[shown], id as u16)
+        };
+        (0..3).map(picture).collect()
+    };
+    (0..3).map(one).collect()
+}
+
+fn reference() -> tracker::TrackerSettings {
+    tracker::TrackerSettings { surface: SurfaceSettings { reference: "cam-1".into(), ..settings() }, ..tracking() }
+}
+
+#[test]
+fn three_cameras_that_contradict_each_other_from_the_first_moment_on_are_told_and_points_are_as_uncertain() {
+    let cameras = cameras(3);
+    let (as_calibrated, report) = tracked(&three(&cameras, |_, id| (id, 0.0)), &cameras, reference());
+    assert!(!report.remarks.iter().any(|it| it.contains("contradict")), "{:?}", report.remarks);
+    let sigma_mm = report.figures["surface.sigma_mm"];
+    // One sees pictures that are shifted by two pixels along the base; one is half a picture late.
+    let mut shifted = three(&cameras, |_, id| (id, 0.0));
+    for picture in shifted.iter_mut().map(|it| &mut it[2]) {
+        let width = picture.width as usize;
+        picture.pixels = picture.pixels.chunks(width).flat_map(|row| [&row[..2], &row[..width - 2]].concat()).collect();
+    }
+    let late = three(&cameras, |_, id| (id, if id == 2 { 0.5 } else { 0.0 }));
+    for (what, moments) in [("shifted", shifted), ("late", late)] {
+        let (surfaces, report) = tracked(&moments, &cameras, reference());
+        let is_told = report.remarks.iter().any(|it| it.contains("contradict each other"));
+        assert!(is_told && report.figures["surface.sigma_mm"] > 5.0 * sigma_mm, "{what}: {:?}", report.remarks);
+        let off = |it: &TrackedPoint| it.position.y.abs() / it.covariance[(1, 1)].sqrt();
+        let far = surfaces[0].list.iter().filter(|it| off(it) > 3.0).count();
+        assert!(20 * far < surfaces[0].list.len() && surfaces[0].list.len() > 100, "{what}: {far} beyond 3 sigma");
+    }
+    assert!(as_calibrated[0].list.len() > 300);
+}
+
+#[test]
+fn pictures_of_exchanged_cameras_give_nothing() {
+    let cameras = cameras(3);
+    let (surfaces, report) = tracked(&three(&cameras, |_, id| ([1, 0, 2][id], 0.0)), &cameras, reference());
+    let n: usize = surfaces.iter().map(|it| it.list.len()).sum();
+    assert_eq!(n, 0, "{:?} {:?}", report.remarks, report.figures);
+}
