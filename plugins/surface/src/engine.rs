@@ -43,6 +43,9 @@ const FACING: f64 = 0.5;
 /// and of points that lie so a larger part than this is seen unless something is wrong [–].
 const UNSEEN: f64 = 0.5;
 
+/// Cameras that see one surface stand nearer to each other [m].
+const FAR_APART_M: f64 = 20.0;
+
 /// So many patches off their epipolar lines are no chance [–].
 const LEAST_MISFITS: f64 = 20.0;
 
@@ -217,6 +220,7 @@ impl Engine {
             ));
         }
         self.in_step.report(report);
+        self.units().into_iter().for_each(|it| report.remark(it));
         let unseen = self.given.1 as f64 / self.given.0 as f64;
         report.figure("surface.unseen", unseen);
         if unseen > UNSEEN {
@@ -240,6 +244,18 @@ impl Engine {
         {
             report.remark(self.why_nothing());
         }
+    }
+
+    /// Cameras that stand as far apart as those of no rig do.
+    fn units(&self) -> Option<String> {
+        let views = &self.prepared.views;
+        let from = views[self.prepared.reference].camera.centre();
+        let away = views.iter().map(|it| (it.camera.centre() - from).norm());
+        let nearest = away.filter(|it| *it > 0.0).reduce(f64::min).filter(|it| *it > FAR_APART_M)?;
+        Some(format!(
+            "the reference and the camera nearest to it stand {nearest:.0} m apart by their calibration, and speeds, distances and errors are as large: is it in millimetres \
+             (`foveate convert --metres-per-unit 0.001`)?"
+        ))
     }
 
     /// Why no point was given out, as what became of the seeds says it.

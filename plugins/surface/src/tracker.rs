@@ -353,8 +353,15 @@ impl Node for Tracker {
             ));
         }
         let lost = counts.not_found as f64 / counts.followed as f64;
-        let uneven = counts.ended.get(&TrajectoryEnd::NotUniform).copied().unwrap_or(0) as f64 / counts.followed as f64;
-        if uneven > 0.5 * LOST {
+        let ended = |why| counts.ended.get(&why).copied().unwrap_or(0) as f64 / counts.followed as f64;
+        let [uneven, fast] = [TrajectoryEnd::NotUniform, TrajectoryEnd::TooFast].map(ended);
+        if fast > 0.5 * LOST {
+            report.remark(format!(
+                "{:.0} % of the points move faster than `max_speed` = {} m/s, and were ended: expected a calibration in metres, the right `rate_hz`, or a larger `max_speed`",
+                100.0 * fast,
+                self.filters.max_speed
+            ));
+        } else if uneven > 0.5 * LOST {
             report.remark(format!(
                 "{:.0} % of the points move otherwise than those around them, or have too few around them: expected a `uniform_radius_mm` of three places of the grid or more ({:.1} mm now), and a `uniform_mm` of what \
                  a point is off ({:.2} mm now); 0 leaves both to the points",

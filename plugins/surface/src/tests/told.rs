@@ -126,6 +126,23 @@ fn a_moment_without_a_picture_leaves_its_number_free_and_counts_in_the_mean_step
 }
 
 #[test]
+fn a_calibration_in_millimetres_is_told_and_points_that_are_too_fast_are_not_called_lost() {
+    let scene = Scene::of(Shape::Plane, 74);
+    let moments: Vec<Vec<Image>> = (0..3)
+        .map(|k| scene.moved(Isometry3::translation(1.5e-3 * f64::from(k), 0.0, 0.0)).pictures(&cameras(2)))
+        .collect();
+    let told = |unit: f64| {
+        let mut cameras = cameras(2);
+        cameras.iter_mut().for_each(|it| it.camera_from_world.translation.vector *= unit);
+        tracked(&moments, &cameras, tracking()).1.remarks.join("; ")
+    };
+    let (as_is, in_mm) = (told(1.0), told(1000.0));
+    assert!(!as_is.contains("millimetres") && !as_is.contains("max_speed"), "{as_is}");
+    assert!(in_mm.contains("--metres-per-unit 0.001") && in_mm.contains("faster than `max_speed`"), "{in_mm}");
+    assert!(!in_mm.contains("not found in the next picture"), "{in_mm}");
+}
+
+#[test]
 fn a_camera_that_faces_a_surface_and_does_not_see_it_is_counted() {
     let cameras = cameras(3);
     let scene = Scene::of(Shape::Plane, 73);

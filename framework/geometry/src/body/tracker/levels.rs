@@ -24,8 +24,8 @@ pub(super) const BETTER: f64 = 5.0;
 
 /// Sizes that are less likely belong to nobody: 3 standard deviations in each of two numbers of both parts would be 18 [–].
 const UNUSUAL: f64 = 6.0;
-/// A limb whose sizes are less likely is none: it lies in another body or in a chair [–]. In hulls of two views limbs of people have 12.
-const NOBODYS: f64 = 14.0;
+/// A limb whose sizes are less likely lies in another body or in a chair too [–]. In hulls of two views limbs of people have 12.
+const NOBODYS: f64 = 20.0;
 
 impl BodyTracker {
     fn presence_with(&self, changed: Limb, level: LimbLevel) -> Layout {
@@ -53,7 +53,7 @@ impl BodyTracker {
             if track.level == LimbLevel::Absent {
                 continue;
             }
-            let is_weak = !(self.is_supported(upper) && self.is_supported(lower)) || self.is_nobodys(limb);
+            let is_weak = !(self.is_supported(upper) && self.is_supported(lower));
             let bend = self.bend(limb);
             let mut track = track.clone();
             track.weak_s = if is_weak { track.weak_s + dt_s } else { 0.0 };
