@@ -53,6 +53,9 @@ struct Tally {
     relit: u64,
     background_refused: u64,
     first_refusal: Option<String>,
+    /// Pictures that are dark all over, and the brightest level in any of them.
+    dark: u64,
+    brightest_dark: u8,
 }
 
 impl Node for SilhouetteNode {
@@ -103,6 +106,10 @@ impl Node for SilhouetteNode {
         let mut refused = None;
         let unusable = "too much of the picture differs from the learnt background, or the camera was moved";
         let stamp = shell.process(io, &PORTS, unusable, |image, predicted, _, features| {
+            if image.pixels.iter().all(|it| *it < DARK) {
+                tally.dark += 1;
+                tally.brightest_dark = image.pixels.iter().copied().fold(tally.brightest_dark, u8::max);
+            }
             let found = finder.find(image, predicted, &mut silhouette, features);
             refused = found.as_ref().err().map(ToString::to_string);
             found
@@ -148,6 +155,12 @@ impl Node for SilhouetteNode {
         if let Some(refusal) = &tally.first_refusal {
             report.remark(format!("{name}: a picture of the empty scene was not learnt from: {refusal}"));
         }
+        if tally.dark > 0 {
+            report.remark(format!(
+                "{name}: {} pictures are dark: their brightest level is {} of 255, expected {DARK} or more: is its cap on, or the light off?",
+                tally.dark, tally.brightest_dark
+            ));
+        }
         if count(SilhouetteStatus::Moved) > 0 {
             let n = count(SilhouetteStatus::Moved);
             report.remark(format!(
@@ -157,6 +170,9 @@ impl Node for SilhouetteNode {
         Ok(())
     }
 }
+
+/// A picture without any pixel of this level shows nothing: dark current and noise make less [gray level].
+const DARK: u8 = 16;
 
 /// Reads a picture in colour. Where it is larger than the camera's pictures, their part of it, from the top left.
 fn read_background(path: &std::path::Path, size: Option<[u32; 2]>) -> Result<Image, ConfigError> {
@@ -208,6 +224,23 @@ mod tests {
 
     fn statuses(bench: &mut NodeBench<SilhouetteNode>) -> Vec<(SilhouetteStatus, u32)> {
         bench.outputs(&SILHOUETTE).iter().map(|it| (it.value.status, it.value.n_body)).collect()
+    }
+
+    #[test]
+    fn pictures_that_are_dark_are_told() {
+        for (light, is_dark) in [(0.05, true), (1.0, false)] {
+            let mut bench = NodeBench::<SilhouetteNode>::with_setup(settings(), &setup(&[])).unwrap();
+            for at in 0..8_u32 {
+                let image = picture(None, if at < 6 { 1.0 } else { light }, PixelFormat::Rgb8);
+                bench.feed(&IMAGE, Time::from_s(f64::from(at) / 25.0), image).unwrap();
+            }
+            let remarks = bench.finish().unwrap().remarks.join("; ");
+            assert_eq!(
+                remarks.contains("2 pictures are dark: their brightest level is 6 of 255"),
+                is_dark,
+                "{remarks}"
+            );
+        }
     }
 
     #[test]

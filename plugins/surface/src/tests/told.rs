@@ -134,7 +134,14 @@ fn a_calibration_in_millimetres_is_told_and_points_that_are_too_fast_are_not_cal
     let told = |unit: f64| {
         let mut cameras = cameras(2);
         cameras.iter_mut().for_each(|it| it.camera_from_world.translation.vector *= unit);
-        tracked(&moments, &cameras, tracking()).1.remarks.join("; ")
+        let mut setup = setup(&cameras);
+        setup.volume_m = setup.volume_m.map(|it| it.map(|corner| corner.map(|at| at * unit)));
+        let settings = tracker::TrackerSettings { uniform_radius_mm: 0.0, uniform_mm: 0.0, ..tracking() };
+        let mut bench = NodeBench::<tracker::Tracker>::with_setup(settings, &setup).unwrap();
+        for (k, pictures) in moments.iter().enumerate() {
+            bench.feed_set(&tracker::IMAGE, Time::from_s(k as f64 * 0.1), pictures.clone()).unwrap();
+        }
+        bench.finish().unwrap().remarks.join("; ")
     };
     let (as_is, in_mm) = (told(1.0), told(1000.0));
     assert!(!as_is.contains("millimetres") && !as_is.contains("max_speed"), "{as_is}");
