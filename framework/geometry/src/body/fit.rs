@@ -304,6 +304,12 @@ impl Skins {
         Self(placed(body, layout))
     }
 
+    /// The same without these parts.
+    pub fn without(mut self, parts: &[Part]) -> Self {
+        self.0.retain(|it| !parts.contains(&it.part));
+        self
+    }
+
     /// From the nearest of them, below 0 inside [m].
     pub fn distance(&self, place: &Point3<f64>) -> f64 {
         let mut nearest = f64::INFINITY;

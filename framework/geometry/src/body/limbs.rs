@@ -111,29 +111,32 @@ pub fn find_limb(
     options: &LimbOptions,
     predicted: Option<&[Vector3<f64>; 2]>,
 ) -> Option<LimbFound> {
-    let [upper, lower] = limb.parts();
-    let joint = body.place(Part::Torso, &upper.hangs_at());
-    let lengths = [upper, lower].map(|it| 2.0 * body.size(it).z);
-    let radii = [upper, lower].map(|it| (body.size(it).x + body.size(it).y) / 2.0);
-    let reach = lengths[0] + lengths[1] + 0.1;
-    let free: Vec<Point3<f64>> = field
-        .voxels()
-        .iter()
-        .filter(|&&it| taken.is_free(field, it))
-        .map(|&it| field.centre(it))
-        .filter(|it| (it - joint).norm() < reach)
-        .collect();
-    let search = Search { field, taken, joint, lengths, radii, free };
-    let best = search.best(body, limb, predicted)?;
-    let (inside, filled) = (search.inside(&best), search.filled(&best));
-    if inside < options.least_inside || filled < options.least_filled {
-        return None;
+    let search = Search::new(field, body, limb, taken);
+    let scored = search.scored(body, limb, predicted).into_iter();
+    let best = search.uphill(scored.max_by(|a, b| a.0.total_cmp(&b.0))?, body, limb);
+    search.found(&best, body, limb, options)
+}
+
+/// Templates of a limb, none of which has its end within `apart` of that of a better one [m], the best first: at most `most`, none turned uphill, each good enough.
+pub(super) fn limb_templates(
+    field: &VoxelField,
+    body: &Body,
+    limb: Limb,
+    taken: &Taken,
+    options: &LimbOptions,
+    (most, apart): (usize, f64),
+) -> Vec<LimbFound> {
+    let search = Search::new(field, body, limb, taken);
+    let mut scored = search.scored(body, limb, None);
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut found: Vec<(Point3<f64>, LimbFound)> = Vec::new();
+    for (_, ways) in scored {
+        let end = search.end(&ways);
+        if found.len() < most && found.iter().all(|it| (it.0 - end).norm() > apart) {
+            found.extend(search.found(&ways, body, limb, options).map(|it| (end, it)));
+        }
     }
-    let left = body.turn(Part::Torso) * Vector3::y();
-    let bend = best[0].angle(&best[1]);
-    // z points up the limb.
-    let turns = best.map(|it| turn_of(&-it, &left));
-    Some(LimbFound { limb, turns, inside, filled, bend, score: inside + 2.0 * filled })
+    found.into_iter().map(|it| it.1).collect()
 }
 
 /// Whether the upper part of a limb can point there from its joint.
@@ -145,7 +148,40 @@ pub(super) fn can_point(body: &Body, limb: Limb, way: &Vector3<f64>) -> bool {
     if limb.is_leg() { way.dot(&(torso * Vector3::z())) < 0.4 && out > -0.2 } else { out > -0.6 }
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(field: &'a VoxelField, body: &Body, limb: Limb, taken: &'a Taken) -> Self {
+        let [upper, lower] = limb.parts();
+        let joint = body.place(Part::Torso, &upper.hangs_at());
+        let lengths = [upper, lower].map(|it| 2.0 * body.size(it).z);
+        let radii = [upper, lower].map(|it| (body.size(it).x + body.size(it).y) / 2.0);
+        let reach = lengths[0] + lengths[1] + 0.1;
+        let free: Vec<Point3<f64>> = field
+            .voxels()
+            .iter()
+            .filter(|&&it| taken.is_free(field, it))
+            .map(|&it| field.centre(it))
+            .filter(|it| (it - joint).norm() < reach)
+            .collect();
+        Self { field, taken, joint, lengths, radii, free }
+    }
+
+    /// The end of a limb that lies so.
+    fn end(&self, ways: &[Vector3<f64>; 2]) -> Point3<f64> {
+        self.joint + ways[0] * self.lengths[0] + ways[1] * self.lengths[1]
+    }
+
+    /// The limb that lies so, if it is good enough.
+    fn found(&self, ways: &[Vector3<f64>; 2], body: &Body, limb: Limb, options: &LimbOptions) -> Option<LimbFound> {
+        let (inside, filled) = (self.inside(ways), self.filled(ways));
+        if inside < options.least_inside || filled < options.least_filled {
+            return None;
+        }
+        let left = body.turn(Part::Torso) * Vector3::y();
+        // z points up the limb.
+        let turns = ways.map(|it| turn_of(&-it, &left));
+        Some(LimbFound { limb, turns, inside, filled, bend: ways[0].angle(&ways[1]), score: inside + 2.0 * filled })
+    }
+
     /// How good a place on the axis is, from −1 to 1: as deep in free voxels as the part is thick.
     fn at(&self, place: &Point3<f64>, radius: f64, must_be_free: bool) -> f64 {
         let Some(cell) = self.field.cell(place) else { return -1.0 };
@@ -221,7 +257,8 @@ impl Search<'_> {
         self.depth_score(ways) + 2.0 * self.filled(ways)
     }
 
-    fn best(&self, body: &Body, limb: Limb, predicted: Option<&[Vector3<f64>; 2]>) -> Option<[Vector3<f64>; 2]> {
+    /// Templates that lie in the voxels, none within 12° of a better one, each with its score.
+    fn scored(&self, body: &Body, limb: Limb, predicted: Option<&[Vector3<f64>; 2]>) -> Vec<(f64, [Vector3<f64>; 2])> {
         let is_possible = |way: &Vector3<f64>| can_point(body, limb, way);
         let mut close: Vec<(f64, [Vector3<f64>; 2])> = Vec::new();
         let lowers = ways::<N_LOWER>();
@@ -255,9 +292,12 @@ impl Search<'_> {
                 chosen.push(*ways);
             }
         }
-        let scored = chosen.into_iter().map(|it| (self.score(&it), it));
-        let mut best = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        // Uphill in ever smaller steps.
+        chosen.into_iter().map(|it| (self.score(&it), it)).collect()
+    }
+
+    /// A template turned to where it scores best, in ever smaller steps.
+    fn uphill(&self, start: (f64, [Vector3<f64>; 2]), body: &Body, limb: Limb) -> [Vector3<f64>; 2] {
+        let mut best = start;
         let mut step: f64 = 0.15;
         while step > 0.02 {
             let mut is_better = false;
@@ -269,7 +309,7 @@ impl Search<'_> {
                     let mut ways = best.1;
                     ways[part] = (axis + turn * step).normalize();
                     let score = self.score(&ways);
-                    if score > best.0 + 1e-9 && is_possible(&ways[0]) {
+                    if score > best.0 + 1e-9 && can_point(body, limb, &ways[0]) {
                         best = (score, ways);
                         is_better = true;
                     }
@@ -279,6 +319,6 @@ impl Search<'_> {
                 step *= 0.6;
             }
         }
-        Some(best.1)
+        best.1
     }
 }

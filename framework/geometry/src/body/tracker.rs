@@ -15,8 +15,10 @@ use super::layout::{Layout, Presence};
 use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions, joint_sigma};
 
+mod elsewhere;
 mod levels;
 mod rest;
+mod room;
 
 /// All that a tracker is told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -46,6 +48,10 @@ pub struct LevelOptions {
     pub least_covered: f64,
     /// A part of whose skin less is there is not measured: it lies in one volume with others, and may be anywhere in it [–].
     pub measured_covered: f64,
+    /// The same of both parts of a leg, which hide less of each other than arms hide of a trunk [–].
+    pub measured_leg: f64,
+    /// A limb around whose lower part the voxels hold more than so many times its volume is not measured: it may be anywhere in that [–].
+    pub most_room: f64,
     /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
     pub lost_s: f64,
     /// A limb is split where it bends by so many standard deviations [–].
@@ -56,12 +62,15 @@ pub struct LevelOptions {
 
 impl Default for LevelOptions {
     /// Half a second is the longest that a limb of a walking person is hidden behind the body, and what counts as lost in the figures. Of parts that lie where they should, seven tenths of the skin
-    /// and more are there, arms that hang beside the trunk in four views included.
+    /// and more are there, arms that hang beside the trunk in four views included. Of 1264 joints of drawn people in hulls of four views 62 were in another place and called measured; so 18 are, and a tenth of the
+    /// right ones is not called measured (12 of 1280 in eight views).
     fn default() -> Self {
         Self {
             least_inside: 0.5,
             least_covered: 0.35,
             measured_covered: 0.5,
+            measured_leg: 0.6,
+            most_room: 1.8,
             lost_s: 0.5,
             split_sigmas: 3.0,
             join_s: 3.0,
@@ -124,6 +133,8 @@ pub struct BodyTracker {
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
+    /// Of each limb, what the voxels around its lower part hold over that part's volume [–].
+    room: [f64; 4],
     /// Of what a frame says of sizes, what is taken [–].
     share: f64,
     /// Edge of the last voxels [m].
@@ -226,6 +237,7 @@ impl BodyTracker {
             trunk_weak_s: 0.0,
             is_lost: false,
             frame: 0,
+            room: [1.0; 4],
             share: 1.0,
             voxel: field.size(),
             last: None,
@@ -235,6 +247,9 @@ impl BodyTracker {
         tracker.search_absent(field);
         tracker.update(field, &[], 8);
         tracker.reach_for_rest(field, &[], REACHES);
+        for limb in Limb::ALL {
+            tracker.try_elsewhere(field, limb);
+        }
         // All of it again from the start, so that nothing counts twice.
         let (layout, body) = (*tracker.filter.layout(), tracker.filter.body.clone());
         tracker.filter = begin;
@@ -265,6 +280,7 @@ impl BodyTracker {
             tracker.turn_about();
         }
         tracker.judge_limbs(0.0);
+        tracker.look_around(field);
         Ok(tracker)
     }
 
@@ -276,6 +292,7 @@ impl BodyTracker {
         let predicted = self.filter.clone();
         self.update(field, labelled, self.options.fit.iterations);
         self.uncross(field, labelled);
+        self.unfold(field, labelled, &predicted);
         self.judge_limbs(dt_s);
         self.search_weak(field, labelled);
         if self.frame.is_multiple_of(LOOK_EVERY) {
@@ -295,6 +312,7 @@ impl BodyTracker {
                 self.reach_for_rest(field, labelled, 1);
             }
         }
+        self.look_around(field);
         let same = predicted.layout() == self.filter.layout();
         self.last = Some(Step { predicted, transition: transition.filter(|_| same), filtered: self.filter.clone() });
     }
@@ -396,6 +414,8 @@ impl BodyTracker {
         self.facing.turn_about();
         self.limbs.swap(0, 1);
         self.limbs.swap(2, 3);
+        self.room.swap(0, 1);
+        self.room.swap(2, 3);
         let support = self.support;
         for part in Part::ALL {
             self.support.covered[part.index()] = support.covered[part.mirrored().index()];
@@ -452,8 +472,18 @@ impl BodyTracker {
     pub fn shows(&self, part: Part) -> bool {
         self.filter.layout().has(part)
             && self.is_supported(part)
-            && !Limb::ALL.into_iter().any(|it| it.parts().contains(&part) && self.is_nobodys(it))
             && self.support.covered[part.index()] >= self.options.levels.measured_covered
+            && Limb::ALL.into_iter().filter(|it| it.parts().contains(&part)).all(|it| self.is_sure(it))
+    }
+
+    /// Whether a limb that the voxels support lies there and nowhere else.
+    fn is_sure(&self, limb: Limb) -> bool {
+        let LevelOptions { measured_leg, most_room, .. } = self.options.levels;
+        let covered = limb.parts().map(|it| self.support.covered[it.index()]);
+        !self.is_nobodys(limb)
+            && self.room[limb.index()] <= most_room
+            && self.bend(limb) <= self.options.limits.bend + self.options.limits.sigma
+            && (!limb.is_leg() || covered.iter().all(|it| *it >= measured_leg))
     }
 
     /// All joints that the model has. Their covariances hold that of the model too ([`joint_sigma`]): what the filter knows is where its own parts are.

@@ -75,19 +75,19 @@ impl BodyTracker {
         }
     }
 
-    fn bend(&self, limb: Limb) -> f64 {
+    pub(super) fn bend(&self, limb: Limb) -> f64 {
         let [upper, lower] = limb.parts().map(|it| self.filter.body.turn(it) * Vector3::z());
         upper.angle(&lower)
     }
 
     /// Everybody but this limb has taken their voxels.
-    fn taken_without(&self, field: &VoxelField, limbs: &[Limb]) -> Taken {
+    pub(super) fn taken_without(&self, field: &VoxelField, limbs: &[Limb]) -> Taken {
         let layout = self.filter.layout();
         let is_taken = |part: Part| layout.has(part) && !limbs.iter().any(|limb| limb.parts().contains(&part));
         Taken::by(field, &self.filter.body, is_taken, 0.25 * field.size())
     }
 
-    fn put(&mut self, found: &LimbFound) {
+    pub(super) fn put(&mut self, found: &LimbFound) {
         let mut body = self.filter.body.clone();
         for (part, turn) in found.limb.parts().into_iter().zip(found.turns) {
             body.turns[part.index()] = turn;
@@ -311,6 +311,26 @@ mod tests {
         let off = (elbow(&tracker) - place).norm();
         assert!(before > 2.4 && tracker.bend(limb) < 0.9, "{before} {}", tracker.bend(limb));
         assert!(off < 0.06, "the elbow is {:.0} mm off", off * 1e3);
+    }
+
+    #[test]
+    fn a_calf_that_was_folded_up_before_its_thigh_comes_down_within_three_frames() {
+        let field = somebody();
+        let mut tracker = BodyTracker::acquire(&field, &TrackerOptions::default()).unwrap();
+        let limb = Limb::RightLeg;
+        let [upper, lower] = limb.parts();
+        let mut body = tracker.filter.body.clone();
+        let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 2.9);
+        body.turns[lower.index()] = body.turns[upper.index()] * about;
+        tracker.set_level(limb, LimbLevel::Absent, &body);
+        tracker.set_level(limb, LimbLevel::Bent, &body);
+        let before = tracker.bend(limb);
+        for _ in 0..3 {
+            tracker.step(&field, 1.0 / 30.0, &[]);
+        }
+        let ankle = tracker.filter.body.joint(Joint::RightAnkle);
+        assert!(before > 2.5 && tracker.bend(limb) < 0.9, "{before} {}", tracker.bend(limb));
+        assert!((ankle - Point3::new(0.0, -0.18, 0.06)).norm() < 0.08, "{ankle}");
     }
 
     #[test]

@@ -8,15 +8,17 @@ use nalgebra::{Point3, Rotation3, Unit, Vector3};
 
 use super::super::acquire::turn_of;
 use super::super::field::VoxelField;
-use super::super::filter::Normal;
+use super::super::filter::{BodyFilter, Normal};
 use super::super::fit::{Fit, Labelled};
 use super::super::limbs::can_point;
 use super::super::parts::{Joint, Limb, Part};
 use super::levels::BETTER;
-use super::{BodyTracker, LimbLevel};
+use super::{BodyTracker, LOOK_EVERY, LimbLevel};
 
 /// A face farther from all skins belongs to nobody, beside half a voxel [m].
 const FAR: f64 = 0.04;
+/// A limb that bends by more is folded up [rad].
+const FOLDED: f64 = 1.75;
 /// Faces nearer to one that was looked at are not looked at [m]: half a forearm.
 const APART: f64 = 0.14;
 /// So many places are looked at.
@@ -47,6 +49,12 @@ impl BodyTracker {
             ways.extend(self.legs_side_by_side(field));
             ways.extend(self.legs_alike());
         }
+        ways.extend(Limb::ALL.into_iter().flat_map(|it| self.unfolded(it)));
+        self.take_best(&ways, field, labelled)
+    }
+
+    /// Takes the way of limbs that explains the voxels best, if it does so better than now.
+    fn take_best(&mut self, ways: &[Way], field: &VoxelField, labelled: &[Labelled]) -> bool {
         // What the voxels say of each before any fit.
         let mut trials: Vec<(f64, BodyTracker)> = ways
             .iter()
@@ -56,13 +64,13 @@ impl BodyTracker {
             })
             .collect();
         trials.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let before = self.support.cost + self.unusual_limbs();
+        let before = self.cost();
         let mut best: Option<(f64, BodyTracker)> = None;
         for (_, mut trial) in trials.into_iter().take(N_FITTED) {
             trial.share = 1.0;
             trial.update(field, labelled, self.options.fit.iterations + 2);
             trial.share = self.share;
-            let cost = trial.support.cost + trial.unusual_limbs();
+            let cost = trial.cost();
             if cost + BETTER < before && best.as_ref().is_none_or(|it| cost < it.0) {
                 best = Some((cost, trial));
             }
@@ -70,6 +78,11 @@ impl BodyTracker {
         let Some((_, found)) = best else { return false };
         *self = found;
         true
+    }
+
+    /// How badly the voxels and what is known of people fit the body, comparable among bodies in the same voxels [–].
+    pub(super) fn cost(&self) -> f64 {
+        self.support.cost + self.unusual_limbs()
     }
 
     pub(super) fn unusual_limbs(&self) -> f64 {
@@ -127,6 +140,11 @@ impl BodyTracker {
                     }
                 }
             }
+            // The upper part may lie well, and the lower one be folded against it.
+            let has = self.level(limb) != LimbLevel::Absent;
+            let [upper_now, _] = ways_of(&self.filter, limb);
+            let rest = (place - (joint + upper_now * first)).try_normalize(0.3 * second);
+            ways.extend(rest.filter(|_| has).map(|it| [upper_now, it]));
             // An elbow in the air is none.
             let is_inside = |way: &[Vector3<f64>; 2]| {
                 let elbow = joint + way[0] * first;
@@ -158,9 +176,34 @@ impl BodyTracker {
     /// Each leg as the other one lies.
     fn legs_alike(&self) -> Vec<Way> {
         let has = |it: &Limb| self.level(*it) != LimbLevel::Absent;
-        let ways = |it: Limb| it.parts().map(|part| -(self.filter.body.turn(part) * Vector3::z()));
         let legs = [Limb::LeftLeg, Limb::RightLeg].into_iter();
-        legs.filter(|it| has(&it.mirrored())).map(|it| Way { limbs: vec![(it, ways(it.mirrored()))] }).collect()
+        legs.filter(|it| has(&it.mirrored()))
+            .map(|it| Way { limbs: vec![(it, ways_of(&self.filter, it.mirrored()))] })
+            .collect()
+    }
+
+    /// Straightens limbs that are folded up where that explains the voxels better; those that were not folded as `predicted` at once, others now and then.
+    pub(super) fn unfold(&mut self, field: &VoxelField, labelled: &[Labelled], predicted: &BodyFilter) {
+        for limb in Limb::ALL {
+            let is_new = folded(predicted, limb).is_none();
+            if !is_new && !self.frame.is_multiple_of(LOOK_EVERY) {
+                continue;
+            }
+            let ways = self.unfolded(limb);
+            if !ways.is_empty() {
+                self.take_best(&ways, field, labelled);
+            }
+        }
+    }
+
+    /// If a limb is folded up, other ways of its lower part, straight on and as the other limb lies: what is folded lies in what its upper part explains already.
+    fn unfolded(&self, limb: Limb) -> Vec<Way> {
+        let Some([upper, _]) = folded(&self.filter, limb) else { return Vec::new() };
+        let mut ways = vec![[upper; 2]];
+        if self.level(limb.mirrored()) != LimbLevel::Absent {
+            ways.push([upper, ways_of(&self.filter, limb.mirrored())[1]]);
+        }
+        ways.into_iter().map(|it| Way { limbs: vec![(limb, it)] }).collect()
     }
 
     fn with_way(&self, way: &Way) -> Self {
@@ -185,4 +228,16 @@ impl BodyTracker {
         fit.measure(&self.filter.body, &mut Normal::new(layout), &layout);
         fit.support.cost + self.unusual_limbs()
     }
+}
+
+/// Where a limb's parts point to, away from the trunk.
+fn ways_of(filter: &BodyFilter, limb: Limb) -> [Vector3<f64>; 2] {
+    limb.parts().map(|part| -(filter.body.turn(part) * Vector3::z()))
+}
+
+/// The same of a limb that is folded up.
+fn folded(filter: &BodyFilter, limb: Limb) -> Option<[Vector3<f64>; 2]> {
+    let has = limb.parts().iter().all(|it| filter.layout().has(*it));
+    let ways = ways_of(filter, limb);
+    (has && ways[0].angle(&ways[1]) > FOLDED).then_some(ways)
 }
