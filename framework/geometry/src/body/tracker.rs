@@ -50,7 +50,7 @@ pub struct LevelOptions {
     pub measured_covered: f64,
     /// The same of both parts of a leg, which hide less of each other than arms hide of a trunk [–].
     pub measured_leg: f64,
-    /// A limb around whose lower part the voxels hold more than so many times its volume is not measured: it may be anywhere in that [–].
+    /// An arm around whose lower part the voxels hold more than so many times its volume is not measured: it may be anywhere in that [–].
     pub most_room: f64,
     /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
     pub lost_s: f64,
@@ -62,7 +62,7 @@ pub struct LevelOptions {
 
 impl Default for LevelOptions {
     /// Half a second is the longest that a limb of a walking person is hidden behind the body, and what counts as lost in the figures. Of parts that lie where they should, seven tenths of the skin
-    /// and more are there, arms that hang beside the trunk in four views included. Of 1264 joints of drawn people in hulls of four views 62 were in another place and called measured; so 18 are, and a tenth of the
+    /// and more are there, arms that hang beside the trunk in four views included. Of 1264 joints of drawn people in hulls of four views 62 were in another place and called measured; so fewer than 20 are, and a tenth of the
     /// right ones is not called measured (12 of 1280 in eight views).
     fn default() -> Self {
         Self {
@@ -133,8 +133,8 @@ pub struct BodyTracker {
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
-    /// Of each limb, what the voxels around its lower part hold over that part's volume [–].
-    room: [f64; 4],
+    /// Of each arm, what the voxels around its lower part hold over that part's volume [–].
+    room: [f64; 2],
     /// Of what a frame says of sizes, what is taken [–].
     share: f64,
     /// Edge of the last voxels [m].
@@ -237,7 +237,7 @@ impl BodyTracker {
             trunk_weak_s: 0.0,
             is_lost: false,
             frame: 0,
-            room: [1.0; 4],
+            room: [1.0; 2],
             share: 1.0,
             voxel: field.size(),
             last: None,
@@ -415,7 +415,6 @@ impl BodyTracker {
         self.limbs.swap(0, 1);
         self.limbs.swap(2, 3);
         self.room.swap(0, 1);
-        self.room.swap(2, 3);
         let support = self.support;
         for part in Part::ALL {
             self.support.covered[part.index()] = support.covered[part.mirrored().index()];
@@ -480,8 +479,10 @@ impl BodyTracker {
     fn is_sure(&self, limb: Limb) -> bool {
         let LevelOptions { measured_leg, most_room, .. } = self.options.levels;
         let covered = limb.parts().map(|it| self.support.covered[it.index()]);
+        // Legs have little room where they stand apart, and share it with each other where they do not.
+        let is_held = self.room.get(limb.index()).is_none_or(|it| *it <= most_room);
         !self.is_nobodys(limb)
-            && self.room[limb.index()] <= most_room
+            && is_held
             && self.bend(limb) <= self.options.limits.bend + self.options.limits.sigma
             && (!limb.is_leg() || covered.iter().all(|it| *it >= measured_leg))
     }

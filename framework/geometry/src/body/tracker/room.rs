@@ -1,4 +1,4 @@
-//! How much room a limb has: hulls of few views make a sheet of an arm, in which it may lie anywhere.
+//! How much room an arm has: hulls of few views make a sheet of an arm, in which it may lie anywhere.
 
 use nalgebra::Vector3;
 
@@ -14,9 +14,9 @@ const PLACES: [usize; 3] = [8, 6, 8];
 const OTHERS: f64 = 0.01;
 
 impl BodyTracker {
-    /// Measures the room of all limbs.
+    /// Measures the room of both arms.
     pub(super) fn look_around(&mut self, field: &VoxelField) {
-        self.room = Limb::ALL.map(|limb| self.room_of(field, limb));
+        self.room = [Limb::LeftArm, Limb::RightArm].map(|limb| self.room_of(field, limb));
     }
 
     /// What the voxels around the lower part of a limb hold that is no other part's, over that part's volume [–].
