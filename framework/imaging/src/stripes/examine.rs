@@ -90,6 +90,54 @@ const CLEARLY: f64 = 3.0;
 /// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`, and more than noise. The pictures `absent` could not be
 /// read: whatever stands in their places is not looked at.
 pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Examination {
+    let negatives = negative_steps(code, pictures, absent, min_contrast);
+    let turned = |it: &usize| (*it, pictures[*it].pixels().iter().map(|it| u8::MAX - it).collect());
+    let mut turned: Vec<(usize, Vec<u8>)> = negatives.iter().map(turned).collect();
+    let views = light::replaced(pictures, &turned).filter(|_| !turned.is_empty());
+    let mut found = positives_examined(code, views.as_deref().unwrap_or(pictures), absent, min_contrast);
+    // What is decoded is what was looked at.
+    let relit: Vec<usize> = found.relit.iter().map(|it| it.0).collect();
+    for (picture, pixels) in turned.iter_mut().filter(|it| !relit.contains(&it.0)) {
+        if let Some(at) = found.uneven.iter().position(|it| it.0 == *picture) {
+            *pixels = exposure::evened(pixels, found.uneven.remove(at).1);
+        }
+        found.relit.push((*picture, std::mem::take(pixels)));
+    }
+    let shown = code.pictures();
+    let named = negatives.iter().map(|it| SetFault::Negative { picture: *it, shown: shown[*it], mended: true });
+    found.faults.splice(0..0, named);
+    found
+}
+
+/// Phase steps that are negatives, in a set with all its pictures. Bits, white and black say what is bright and dark there, for all steps may be negatives.
+fn negative_steps(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+) -> Vec<usize> {
+    let shown = code.pictures();
+    let (steps, others): (Vec<usize>, Vec<usize>) = (0..pictures.len().min(shown.len()))
+        .filter(|it| !absent.contains(it))
+        .partition(|it| matches!(shown[*it], Shown::Phase { .. }));
+    let Some(size) = others.first().map(|it| pictures[*it].size()) else { return Vec::new() };
+    let is_alike = pictures.len() == shown.len() && steps.iter().chain(&others).all(|it| pictures[*it].size() == size);
+    if !is_alike || steps.is_empty() || others.len() < FEWEST {
+        return Vec::new();
+    }
+    let samples = sampled(size, SAMPLES);
+    let lit = lit_of(&samples, &Wild::of(code, &others).ranges(pictures, &samples), f64::from(min_contrast.max(1)));
+    let set = Set { code, pictures, shown: &shown, lit: &lit, width: size.0, noise: 0.0, skipped: absent.to_vec() };
+    steps.into_iter().filter(|it| set.is_negative(*it)).collect()
+}
+
+/// As [`examine`], of a set whose phase steps are no negatives.
+fn positives_examined(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+) -> Examination {
     let (found, lit) = look(code, pictures, absent, min_contrast);
     let n = code.pictures().len();
     // Where something is wrong with a whole set, its pictures may well stand in their places.
@@ -302,6 +350,12 @@ fn at_first_sight(
             found.faults.push(SetFault::OtherWaves { steps: other.steps, period: other.period, found: n });
             return (found, lit);
         }
+    }
+    if faults.is_empty()
+        && let Some([a, b]) = set(&lit).steps_exchanged_across()
+    {
+        found.places.swap(a, b);
+        found.faults.push(SetFault::Exchanged { pictures: [a, b], expected: [shown[a], shown[b]], mended: true });
     }
     // What moved in a part of the picture alone spoils that part and not the set.
     faults.retain(|it| !is_sound || matches!(it, SetFault::OtherScene { .. }));

@@ -112,6 +112,8 @@ pub enum SetFault {
         picture: usize,
         /// What it should show.
         shown: Shown,
+        /// Whether it is turned back by calculation.
+        mended: bool,
     },
     /// A picture is brighter or darker than the others all over.
     Exposed {

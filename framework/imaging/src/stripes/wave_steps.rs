@@ -12,6 +12,10 @@ pub(super) const LEAST_STEPS: usize = 4;
 const LEAST_BESIDE: f64 = 0.01;
 const EXCHANGED: f64 = 0.5;
 
+/// Pixels that tell of a step of the columns in the place of one of the rows, at most and at least.
+const ACROSS: usize = 4000;
+const LEAST_ACROSS: usize = 300;
+
 /// The gap that is meant leaves this part of what any other one does, and of what is left with the picture behind, at most [–].
 const MUCH_LESS: f64 = 0.5;
 
@@ -129,4 +133,69 @@ pub(super) fn exchanged(steps: &[&[u8]], stripes: &[u16]) -> Vec<[usize; 2]> {
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.into_iter().map(|it| it.1).collect()
+}
+
+/// A step of the columns and a step of the rows that stand in each other's places: exchanges that leave much less beside the waves of both axes, and beside the mean that white and black say they have, than the steps as they
+/// stand. Three steps are on a wave whatever they are, and the mean alone tells it. Of four, two that are half a period apart make a wave of another phase when they are exchanged both: then there are two exchanges.
+pub(super) fn exchanged_across(
+    steps: [&[&[u8]]; 2],
+    [white, black]: [&[u8]; 2],
+    pixels: &[usize],
+) -> Vec<[usize; 2]> {
+    let n = steps[0].len();
+    if steps[1].len() != n || n < 3 {
+        return Vec::new();
+    }
+    let is_whole = |at: &&usize| white[**at] < SATURATED && steps.iter().copied().flatten().all(|it| it[**at] < SATURATED);
+    let some: Vec<usize> =
+        pixels.iter().step_by(pixels.len().div_ceil(ACROSS).max(1)).filter(is_whole).copied().collect();
+    if some.len() < LEAST_ACROSS {
+        return Vec::new();
+    }
+    let count = n as f64;
+    let level = |axis: usize, step: usize, at: usize| f64::from(steps[axis][step][at]);
+    let mean = |axis: usize, at: usize| (0..n).map(|it| level(axis, it, at)).sum::<f64>() / count;
+    // A wave's mean is the same part of white − black everywhere, whatever the projector makes of a sine.
+    let contrast = |at: usize| f64::from(white[at]) - f64::from(black[at]);
+    let part = |axis: usize, at: usize| (mean(axis, at) - f64::from(black[at])) / contrast(at).max(1.0);
+    let mut parts: Vec<f64> = some.iter().flat_map(|at| [part(0, *at), part(1, *at)]).collect();
+    parts.sort_by(f64::total_cmp);
+    let part = parts[parts.len() / 2];
+    let turns: Vec<[f64; 2]> =
+        (0..n).map(|it| (std::f64::consts::TAU * it as f64 / count).sin_cos()).map(|(s, c)| [c, s]).collect();
+    let (mut stated, mut energy) = (0.0, 0.0);
+    // What is beside the waves of both axes with the steps exchanged, less what is there as they stand.
+    let mut less = vec![0.0; n * n];
+    for at in some {
+        let sides = [0, 1].map(|axis| {
+            let mean = mean(axis, at);
+            let [mut cosine, mut sine] = [0.0; 2];
+            for (step, [c, s]) in turns.iter().enumerate() {
+                let off = level(axis, step, at) - mean;
+                (cosine, sine) = (cosine + 2.0 / count * off * c, sine + 2.0 / count * off * s);
+                energy += off * off;
+            }
+            let beside = |step: usize| {
+                let [c, s] = turns[step];
+                level(axis, step, at) - mean - cosine * c - sine * s
+            };
+            let beside: Vec<f64> = (0..n).map(beside).collect();
+            let of_mean = mean - f64::from(black[at]) - part * contrast(at);
+            stated += beside.iter().map(|it| it * it).sum::<f64>() + count * of_mean * of_mean;
+            (beside, of_mean)
+        });
+        for (pair, less) in less.iter_mut().enumerate() {
+            let pair = [pair / n, pair % n];
+            let by = level(1, pair[1], at) - level(0, pair[0], at);
+            for ((beside, of_mean), (step, by)) in sides.iter().zip(pair.into_iter().zip([by, -by])) {
+                // One step that is another by so much, of n, on which three numbers are fitted.
+                *less += 2.0 * by * (beside[step] + of_mean) + by * by * (1.0 - 2.0 / count);
+            }
+        }
+    }
+    if stated < LEAST_BESIDE * energy {
+        return Vec::new();
+    }
+    let told = less.into_iter().zip(0..).filter(|it| stated + it.0 < EXCHANGED * stated);
+    told.map(|(_, pair)| [pair / n, pair % n]).collect()
 }

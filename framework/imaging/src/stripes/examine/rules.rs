@@ -4,11 +4,15 @@ use super::super::code::{Axis, Inverse, Shown, StripeCode};
 use super::super::faults::{Found, SetFault};
 use super::super::identify::Samples;
 use super::super::stretches;
+use super::super::wave_steps;
 use super::{
     ALIKE, BEYOND, BROKEN, CLEARLY, FAR, MIN_CHANGES, MOST_CHANGES, NO_WAVE, NOISE_SUM, OTHER_EXPOSURE, REACH,
     SATURATED,
 };
 use crate::ImageView;
+
+/// Of exchanges of phase steps that waves do not tell apart, the stripes agree with the right one, and with others less by this factor [–].
+const AGREES_LESS: f64 = 0.85;
 
 /// A pixel: its place, its bits, and those of them that are certain.
 type Read = (usize, u32, u32);
@@ -65,16 +69,10 @@ impl Set<'_> {
 
     /// Pictures whose gray levels are those of a negative or of another exposure, in a set with all its pictures.
     pub(super) fn odd(&self) -> Vec<(usize, SetFault)> {
-        let inside = |level: f64, low: u8, high: u8| {
-            (f64::from(low) - self.margin(low, high)..=f64::from(high) + self.margin(low, high)).contains(&level)
-        };
         let mut found = Vec::new();
         for (picture, shown) in self.shown.iter().enumerate().filter(|it| !self.skipped.contains(&it.0)) {
-            let outside = self.share(|&(at, low, high)| !inside(self.level(picture, at), low, high));
-            let negative = self.share(|&(at, low, high)| !inside(255.0 - self.level(picture, at), low, high));
-            let is_negative = outside > BROKEN && negative < 0.5 * BROKEN;
-            if is_negative || *shown == Shown::White && self.likeness(picture) < -0.5 {
-                found.push((picture, SetFault::Negative { picture, shown: *shown }));
+            if self.is_negative(picture) || *shown == Shown::White && self.likeness(picture) < -0.5 {
+                found.push((picture, SetFault::Negative { picture, shown: *shown, mended: false }));
                 continue;
             }
             if let Some(factor) = self.exposure(picture, *shown) {
@@ -84,6 +82,16 @@ impl Set<'_> {
         let flat = self.steps_without_a_wave().into_iter().filter(|it| !found.iter().any(|named| named.0 == it.0));
         found.extend(flat.collect::<Vec<_>>());
         found
+    }
+
+    /// Whether the gray levels of a picture are beyond dark and bright, and those of its negative are not.
+    pub(super) fn is_negative(&self, picture: usize) -> bool {
+        let beyond = |level: f64, low: u8, high: u8| {
+            let margin = self.margin(low, high);
+            !(f64::from(low) - margin..=f64::from(high) + margin).contains(&level)
+        };
+        self.share(|&(at, low, high)| beyond(self.level(picture, at), low, high)) > BROKEN
+            && self.share(|&(at, low, high)| beyond(255.0 - self.level(picture, at), low, high)) < 0.5 * BROKEN
     }
 
     /// Phase steps that are all bright or all dark, where most are not.
@@ -98,6 +106,72 @@ impl Set<'_> {
         });
         let flat: Vec<(usize, SetFault)> = flat.collect();
         if 2 * flat.len() < steps.len() { flat } else { Vec::new() }
+    }
+
+    /// The pictures of a phase step of the columns and one of the rows that stand in each other's places, in a set with all its pictures.
+    pub(super) fn steps_exchanged_across(&self) -> Option<[usize; 2]> {
+        let places = Axis::BOTH.map(|axis| {
+            let place = |step| self.place(Shown::Phase { axis, step });
+            (0..self.code.steps).map(place).collect::<Option<Vec<usize>>>().unwrap_or_default()
+        });
+        let pixels = |picture: usize| self.pictures[picture].pixels();
+        let [columns, rows] = places.each_ref().map(|it| it.iter().map(|it| pixels(*it)).collect::<Vec<_>>());
+        let white_and_black = [pixels(self.place(Shown::White)?), pixels(self.place(Shown::Black)?)];
+        let lit: Vec<usize> = self.lit.iter().map(|it| it.0).collect();
+        let mut told = wave_steps::exchanged_across([&columns, &rows], white_and_black, &lit);
+        if told.len() > 1 {
+            // What the stripes agree with.
+            let agreement = |pair: &[usize; 2]| {
+                let (mut columns, mut rows) = (columns.clone(), rows.clone());
+                std::mem::swap(&mut columns[pair[0]], &mut rows[pair[1]]);
+                self.agreement(Axis::Columns, &columns) + self.agreement(Axis::Rows, &rows)
+            };
+            let mut by_stripes: Vec<(f64, [usize; 2])> = told.iter().map(|it| (agreement(it), *it)).collect();
+            by_stripes.sort_by(|a, b| b.0.total_cmp(&a.0));
+            told.clear();
+            told.extend((by_stripes[1].0 < AGREES_LESS * by_stripes[0].0).then_some(by_stripes[0].1));
+        }
+        let [a, b] = *told.first()?;
+        Some([places[0][a], places[1][b]])
+    }
+
+    /// How well phases of steps agree with stripes, whichever way steps run and wherever they begin: in the middle of a stripe and where it ends, the length of the mean of their differences as unit vectors [–].
+    fn agreement(&self, axis: Axis, steps: &[&[u8]]) -> f64 {
+        let place = |plane: u32, inverse: bool| self.place(Shown::Bit { axis, plane, inverse });
+        let planes: Vec<[Option<usize>; 2]> =
+            (0..self.code.bits[axis.index()]).map(|it| [place(it, false), place(it, true)]).collect();
+        let numbers: Vec<Option<u32>> = self.lit.iter().map(|it| self.number(&planes, it)).collect();
+        let turn = std::f64::consts::TAU / steps.len() as f64;
+        let phase = |at: usize| {
+            let [cosine, sine] = steps.iter().zip(0..).fold([0.0; 2], |sum, (step, k)| {
+                let (s, c) = (turn * f64::from(k)).sin_cos();
+                [sum[0] + c * f64::from(step[at]), sum[1] + s * f64::from(step[at])]
+            });
+            sine.atan2(cosine)
+        };
+        // By way: of middles and of ends.
+        let mut sums = [[[0.0; 2]; 2]; 2];
+        let mut n = [0.0_f64; 2];
+        for (index, (&(at, ..), number)) in self.lit.iter().zip(&numbers).enumerate() {
+            let Some(number) = *number else { continue };
+            let phase = phase(at);
+            let beside = [self.lit.get(index + 1).filter(|it| it.0 == at + 1).map(|_| index + 1)];
+            let below = self.lit.binary_search_by_key(&(at + self.width), |it| it.0).ok();
+            let ends = beside.into_iter().chain([below]).flatten().filter_map(|it| numbers[it]);
+            let ends = ends.filter(|it| it.abs_diff(number) == 1).map(|it| (1, f64::from(it.max(number))));
+            for (what, half_periods) in ends.chain([(0, f64::from(number) + 0.5)]) {
+                for (sums, sign) in sums.iter_mut().zip([1.0, -1.0]) {
+                    let (s, c) = (std::f64::consts::PI * half_periods - sign * phase).sin_cos();
+                    sums[what] = [sums[what][0] + c, sums[what][1] + s];
+                }
+                n[what] += 1.0;
+            }
+        }
+        let length = |sums: &[[f64; 2]; 2]| {
+            let part = |of: usize| (0..2).map(|what| sums[what][of] / n[what].max(1.0)).sum::<f64>();
+            part(0).hypot(part(1))
+        };
+        sums.iter().map(length).fold(0.0, f64::max)
     }
 
     /// Correlation of a picture with the brightest that pixels are; 0 where they are all alike.

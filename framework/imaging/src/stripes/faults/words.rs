@@ -111,8 +111,12 @@ impl SetFault {
                     code.order_in_words()
                 )
             }
-            SetFault::Negative { picture, shown } => {
-                format!("{} is a negative, expected {shown} as bright as the other pictures have it", name(*picture))
+            SetFault::Negative { picture, shown, mended } => {
+                let turned = if *mended { ": it is turned back by calculation" } else { "" };
+                format!(
+                    "{} is a negative, expected {shown} as bright as the other pictures have it{turned}",
+                    name(*picture)
+                )
             }
             SetFault::Exposed { picture, shown, factor } => format!(
                 "{} is {factor:.2} times as bright as the other pictures, expected {shown} with their exposure",

@@ -132,3 +132,55 @@ fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
         assert_eq!(found.faults, [expected], "bit {plane}");
     }
 }
+
+/// The pictures of a wall's phase code as they are to be decoded after `change`, with what is said of them.
+fn prepared(steps: u32, power: f64, change: impl Fn(&mut [Vec<u8>])) -> (Vec<Vec<u8>>, Vec<SetFault>) {
+    let code = StripeCode::phase([160, 120], steps, 8);
+    let mut pictures = Scene { power, ..wall(3) }.pictures(&code);
+    change(&mut pictures);
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    let found = examine(&code, &views, &[], 6);
+    assert_eq!(found.usable(&code), Axis::BOTH, "{:?}", found.faults);
+    let prepared = found.prepared(&code, &views);
+    assert_eq!(prepared.worked_out, []);
+    (prepared.pictures.into_iter().map(|it| it.into_owned()).collect(), found.faults)
+}
+
+#[test]
+fn a_step_of_the_columns_in_the_place_of_one_of_the_rows_is_taken_for_it() {
+    for (steps, power) in [(3, 1.0), (4, 1.0), (8, 1.0), (4, 2.2), (8, 2.2)] {
+        let code = StripeCode::phase([160, 120], steps, 8);
+        let place = |axis, step| code.place(Shown::Phase { axis, step }).unwrap();
+        let (whole, faults) = prepared(steps, power, |_| ());
+        assert_eq!(faults, [], "{steps} steps, power {power}");
+        for (a, b) in [(0, 0), (1, 2), (2, 1), (steps - 1, 0)] {
+            let places = [place(Axis::Columns, a), place(Axis::Rows, b)];
+            let (pictures, faults) = prepared(steps, power, |it| it.swap(places[0], places[1]));
+            let is_it = |it: &SetFault| matches!(it, SetFault::Exchanged { pictures, mended: true, .. } if *pictures == places);
+            assert!(faults.len() == 1 && is_it(&faults[0]), "{steps} steps, {a} and {b}: {faults:?}");
+            assert!(pictures == whole, "{steps} steps, {a} and {b}");
+        }
+        // Steps of one axis are told later, by the wave.
+        let (_, faults) = prepared(steps, power, |it| it.swap(place(Axis::Columns, 0), place(Axis::Columns, 2)));
+        assert_eq!(faults, [], "{steps} steps, power {power}");
+    }
+}
+
+#[test]
+fn phase_steps_that_are_negatives_are_turned_back() {
+    let code = StripeCode::phase([160, 120], 8, 8);
+    let (whole, _) = prepared(8, 1.0, |_| ());
+    let steps = |axis: Axis| (0..8).map(move |step| Shown::Phase { axis, step });
+    let all: Vec<Shown> = Axis::BOTH.into_iter().flat_map(steps).collect();
+    for negatives in [&all[3..4], &all[..8], &all[8..], &all[..]] {
+        let places: Vec<usize> = negatives.iter().map(|it| code.place(*it).unwrap()).collect();
+        let (pictures, faults) = prepared(8, 1.0, |pictures| {
+            places.iter().for_each(|at| pictures[*at].iter_mut().for_each(|it| *it = 255 - *it));
+        });
+        let named = negatives.iter().zip(&places);
+        let named: Vec<SetFault> =
+            named.map(|(shown, at)| SetFault::Negative { picture: *at, shown: *shown, mended: true }).collect();
+        assert_eq!(faults, named);
+        assert!(pictures == whole, "{negatives:?}");
+    }
+}
