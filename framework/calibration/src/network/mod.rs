@@ -127,8 +127,8 @@ pub enum NetworkError {
     },
     /// Too few cameras agree with the older calibration for it to be a start.
     #[error(
-        "{agreeing} of {cameras} cameras agree with the older calibration on where the light was, expected at least 2 and more than half; \
-         calibrate from nothing"
+        "{agreeing} of {cameras} cameras agree with the older calibration on where what they saw was, expected at least 2 and more than half; \
+         calibrate from nothing (`--from-nothing`, and `--distance A:B=LENGTH` for the scale)"
     )]
     NotThisRoom {
         /// That agree.

@@ -114,12 +114,33 @@ fn adjusted<'a>(
     network.cameras = given.iter().cloned().map(Some).collect();
     let mut status = vec![CameraStatus::Calibrated; given.len()];
     for (camera, note) in cleaning.iter().enumerate() {
-        if note.with_spots < LEAST_OBSERVATIONS || out.contains(&camera) {
+        // One picture shows many points with labels. Of two cameras they tell neither which one was moved nor how far apart they are.
+        let moments = network.moments.iter().filter(|it| it.views.iter().any(|it| it.camera == camera)).count();
+        let seen = if given.len() > 2 { moments.max(note.with_spots) } else { note.with_spots };
+        if seen < LEAST_OBSERVATIONS || out.contains(&camera) {
             network.cameras[camera] = None;
-            status[camera] = CameraStatus::TooFewObservations { frames: note.with_spots, needed: LEAST_OBSERVATIONS };
+            status[camera] = CameraStatus::TooFewObservations { frames: seen, needed: LEAST_OBSERVATIONS };
         }
     }
     let seeing = network.cameras.iter().flatten().count();
+    if let ([a, b], true) = (&recording.cameras[..], seeing < 2) {
+        let [a, b] = [&a.name, &b.name];
+        return Err(NetworkError::Unusable(format!(
+            "so few pictures of {a} and {b} alone tell neither which of the two was moved nor how far apart they are: measure that, and calibrate from nothing: \
+             `--from-nothing --distance {a}:{b}=LENGTH`, as `0.35m`"
+        )));
+    }
+    if seeing < 2 {
+        let reason = |status: &CameraStatus| match status {
+            CameraStatus::TooFewObservations { frames, needed } => {
+                Some(format!("{frames} observations, expected at least {needed}"))
+            }
+            _ => None,
+        };
+        let named = recording.cameras.iter().zip(&status);
+        let reasons = named.filter_map(|(camera, it)| Some((camera.name.clone(), reason(it)?))).collect();
+        return Err(NetworkError::NothingCalibrated { reasons });
+    }
     drop_strangers(&mut network, options);
     let agreeing = network.cameras.iter().flatten().count();
     if agreeing < 2 || 2 * agreeing <= seeing {

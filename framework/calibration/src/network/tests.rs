@@ -262,6 +262,39 @@ fn calibration_of_another_room_is_refused() {
     assert!(fault.contains("calibrate from nothing"), "{fault}");
 }
 
+/// One picture a camera, of `n` points with labels.
+fn one_picture(truth: &[Camera], n: u32) -> Recording {
+    let mut recording = recorded(truth, Freedom::POSE, 7);
+    recording.cameras.iter_mut().zip(truth).for_each(|(it, truth)| it.camera.clone_from(truth));
+    recording.camera_frames = truth
+        .iter()
+        .enumerate()
+        .map(|(camera, it)| {
+            let spots = (0..n).filter_map(|label| {
+                let pixel = it.project(&path(0.35 * f64::from(label)))?;
+                Some(Spot { label: Some(label), ..spot(pixel, 200.0) })
+            });
+            CameraFrame { camera, time_s: 0.0, spots: spots.collect() }
+        })
+        .collect();
+    recording
+}
+
+#[test]
+fn one_picture_of_many_points_tells_of_three_cameras_and_what_lacks_of_two_is_said() {
+    let truth = ring(6);
+    let solved = |cameras: usize, n: u32| {
+        let (fixed, options) = (FixedFreedoms::default(), NetworkOptions::default());
+        recalibrate(&one_picture(&truth[..cameras], n), Sought::Labels { mirrored: &[] }, &fixed, &options)
+    };
+    let found = solved(3, 120).unwrap();
+    assert!(found.moved.is_empty() && worst_mm(&found, &truth[..3]) < 5.0, "{:?}", found.moved);
+    let fault = solved(3, 6).unwrap_err().to_string();
+    assert!(fault.contains("wide-2: 6 observations, expected at least 10"), "{fault}");
+    let fault = solved(2, 120).unwrap_err().to_string();
+    assert!(fault.contains("`--from-nothing --distance wide-1:wide-2=LENGTH`"), "{fault}");
+}
+
 #[test]
 fn calibration_file_holds_what_was_found() {
     let truth = ring(4);
