@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use foveate::calibration::board::{Board, BoardOptions, BoardSolution, calibrate};
+use foveate::calibration::board::{Board, BoardOptions, BoardPose, BoardSolution, calibrate, one_angle};
 use foveate::calibration::network::Origin;
 use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate::calibration::solved::{ObservationRole, SolvedObservation};
@@ -279,8 +279,8 @@ impl Calibrator {
         }
         let solution = self.solve(None)?;
         self.residuals(&solution, report);
-        let normals: Vec<Vector3<f64>> = solution.boards.iter().map(|it| it.world_from_board * Vector3::z()).collect();
-        self.remarks.extend(one_angle(&normals));
+        let normals: Vec<Vector3<f64>> = solution.boards.iter().map(BoardPose::normal).collect();
+        self.remarks.extend(at_one_angle(&normals));
         if self.sets.len() < 3 {
             self.remarks.push(format!(
                 "{} sets hold focal length, principal point and the first term of a lens at best, and none can be held out: expected at least 3",
@@ -381,7 +381,7 @@ impl Calibrator {
             let (places, pixels): Marks = marks.unzip();
             Some(self.solved_pose(&camera, &places, &pixels)? * Vector3::z())
         };
-        one_angle(&self.sets.values().filter_map(normal).collect::<Vec<_>>())
+        at_one_angle(&self.sets.values().filter_map(normal).collect::<Vec<_>>())
     }
 
     /// `world_from_board` by one camera: of the poses that a start from the front leads to, the best.
@@ -443,14 +443,9 @@ impl Calibrator {
     }
 }
 
-/// Boards whose directions differ by less are as good as parallel: focal length and distance are then told apart by perspective alone [rad].
-const ONE_ANGLE: f64 = 0.17;
-
 /// What is to be said where all poses of the board, whose normals these are, have nearly one direction.
-fn one_angle(normals: &[Vector3<f64>]) -> Option<String> {
-    let angle = |a: &Vector3<f64>| normals.iter().map(|b| a.angle(b)).fold(0.0, f64::max);
-    let most = normals.iter().map(angle).fold(0.0, f64::max);
-    (normals.len() > 1 && most < ONE_ANGLE).then(|| {
+fn at_one_angle(normals: &[Vector3<f64>]) -> Option<String> {
+    one_angle(normals).map(|most| {
         format!(
             "the board was seen at one angle only, within {:.0} degrees: focal lengths, and with them depth, are not held; expected poses that are tilted in different ways, by 20 degrees or more",
             most.to_degrees()

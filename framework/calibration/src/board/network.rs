@@ -82,9 +82,20 @@ fn solve(
     let views = |camera: usize| camera_frames.iter().filter(|it| it.camera == camera).count();
     let most_views = (0..n_cameras).map(views).max().unwrap_or(0);
     let is_sought = recording.cameras.iter().any(|it| it.free != Freedom::POSE);
-    let no_pose = || match most_views < options.min_views && is_sought {
-        true => BoardError::TooFewViews { board: board.name.clone(), views: most_views, needed: options.min_views },
-        false => BoardError::NoPose { board: board.name.clone() },
+    let tilts = optics.iter().flat_map(|it| &it.refused).filter_map(|it| match it.why {
+        Why::ViewsParallel { tilt_rad, .. } => Some(tilt_rad),
+        _ => None,
+    });
+    let tilt_rad = tilts.reduce(f64::max);
+    let no_pose = || {
+        let board = board.name.clone();
+        match tilt_rad {
+            _ if most_views < options.min_views && is_sought => {
+                BoardError::TooFewViews { board, views: most_views, needed: options.min_views }
+            }
+            Some(tilt_rad) => BoardError::NeverTilted { board, tilt_rad },
+            None => BoardError::NoPose { board },
+        }
     };
     for camera_frame in &mut camera_frames {
         camera_frame.poses = plane::poses(

@@ -288,6 +288,11 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
         "{:?}",
         refusals(&flat).refused
     );
+    // As is guessed of a camera of which nothing is known: that the board was never tilted is said, rather than that optics are wrong.
+    let mut guessed = flat.recording(ALL, 13);
+    guessed.cameras[0].camera.intrinsics.focal = [4000.0; 2];
+    let fault = calibrate(&guessed, &flat.board, &BoardOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("was never tilted by more than"), "{fault}");
     // A focal length that was stated is kept, and the camera is placed by it.
     let mut stated = flat.recording(ALL, 13);
     stated.cameras[0].camera.intrinsics = flat.cameras[0].intrinsics;
@@ -301,6 +306,16 @@ fn optics_that_the_views_cannot_hold_are_refused_with_the_reason() {
     middle.world_from_board.iter_mut().for_each(|it| it.translation.vector *= 0.05);
     let fit = refusals(&middle);
     assert!(matches!(of(&fit, Optic::K2), Some(Why::MiddleOnly { .. })), "{:?}", fit.refused);
+}
+
+#[test]
+fn boards_of_one_direction_are_told_from_boards_of_several() {
+    let pose = |tilt: f64, way: f64| {
+        UnitQuaternion::from_scaled_axis(Vector3::new(tilt * way.cos(), tilt * way.sin(), 0.0)) * Vector3::z()
+    };
+    assert_eq!(one_angle(&[pose(0.5, 0.0)]), None);
+    assert!(one_angle(&[pose(0.5, 0.0), pose(0.53, 0.1), pose(0.5, 0.05)]).is_some_and(|it| it < 0.1));
+    assert_eq!(one_angle(&[pose(0.5, 0.0), pose(0.5, 1.0), pose(0.5, 3.0)]), None);
 }
 
 #[test]
@@ -319,7 +334,7 @@ fn one_or_two_pictures_are_told_for_what_they_are() {
 fn solved_or_refused(recording: &Recording, board: &Board) -> OpticsFit {
     match calibrate(recording, board, &BoardOptions::default()) {
         Ok(solution) => solution.optics[0].clone(),
-        Err(BoardError::NoPose { .. } | BoardError::TooFewViews { .. }) => {
+        Err(BoardError::NoPose { .. } | BoardError::TooFewViews { .. } | BoardError::NeverTilted { .. }) => {
             // With its focal length known it can be placed; the refusals are those of the optics alone.
             let (camera_frames, views) = (recording, views::views_of(recording, board, &BoardOptions::default()));
             optics::fit(

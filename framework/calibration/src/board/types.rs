@@ -2,7 +2,7 @@
 
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::{Freedom, Optic, OpticsSigma};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::solved::Solved;
 
@@ -138,6 +138,13 @@ pub struct BoardPose {
     pub world_from_board: Isometry3<f64>,
 }
 
+impl BoardPose {
+    /// Where the board looks, in the world.
+    pub fn normal(&self) -> Vector3<f64> {
+        self.world_from_board * Vector3::z()
+    }
+}
+
 /// How well what was held out is foretold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HoldOut {
@@ -238,6 +245,18 @@ pub enum BoardError {
         views: usize,
         /// The board.
         board: String,
+    },
+    /// No camera saw the board tilted, so that nothing tells its focal length, and with the guessed ones no pose fits.
+    #[error(
+        "the {board} was never tilted by more than {:.0} degrees against the picture, and nothing else tells a focal length from a distance: tilt it by 20 to 45 degrees, in each picture to another side, or state \
+         `focal_px` in the calibration",
+        tilt_rad.to_degrees()
+    )]
+    NeverTilted {
+        /// The board.
+        board: String,
+        /// The largest tilt [rad].
+        tilt_rad: f64,
     },
     /// No camera's pictures fit a pose.
     #[error("no camera's pictures of the {board} fit a pose; are the optics given right?")]
