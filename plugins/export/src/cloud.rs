@@ -116,7 +116,8 @@ impl Node for ExportCloud {
         report.files.append(&mut self.report.files);
         report.figure("export.clouds", self.written as f64);
         if self.left_out > 0 && self.file.is_wanted() {
-            report.remark(format!("{} point clouds beyond `max_clouds` were not written", self.left_out));
+            let (n, all) = (self.written, self.written + self.left_out);
+            report.remark(format!("of {all} point clouds the first {n} are written, as `max_clouds = {n}` says"));
         }
         if self.far > 0 {
             let (n, unit) = (self.far, self.settings.range_unit_mm);
