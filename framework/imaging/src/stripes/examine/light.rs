@@ -44,6 +44,13 @@ const TOLD_APART: f64 = 0.2;
 const MIN_TOLD: usize = 4;
 /// Pixels of a picture that tell how much of the light it has, at least.
 const MIN_SEEN: usize = 30;
+/// White − black of pixels that tell the light of phase steps [gray levels]; their waves are as high as most, but for this factor.
+const LEAST_CONTRAST: f64 = 12.0;
+const WAVE: f64 = 1.5;
+/// Turns in which phases and the light of steps are found.
+const WAVE_ROUNDS: usize = 40;
+/// A light that is everywhere the same part of white − black is not told from the mean of waves, where 1 less the square of their correlation is below this [–].
+const ALIKE_EVERYWHERE: f64 = 0.01;
 /// What dark and what bright places tell of the light of pictures is as alike [–].
 const ALIKE: f64 = 0.4;
 
@@ -58,12 +65,22 @@ pub(super) fn in_one_light(
     lit: &[(usize, u8, u8)],
     places: &[Option<usize>],
 ) -> Option<Examination> {
-    let without = |(relit, lights): (Relit, Vec<SetFault>)| {
+    let shown = code.pictures();
+    let without = |(mut relit, lights): (Relit, Vec<SetFault>)| {
         let views = replaced(pictures, &relit)?;
         let (mut without, lit) = look(code, &views, absent, min_contrast);
         let is_moved = without.faults.iter().any(|it| matches!(it, SetFault::Moved { .. }));
-        if is_moved || !exposure::uneven(code, &views, places, &lit).is_empty() {
+        let uneven = exposure::uneven(code, &views, places, &lit);
+        drop(views);
+        let is_step = |it: usize| places.iter().position(|at| *at == Some(it)).map(|it| shown[it]);
+        let is_step = |it: usize| matches!(is_step(it), Some(Shown::Phase { .. }));
+        // What is left in steps is evened out; in others it says that the light is none.
+        if is_moved || !uneven.iter().all(|it| is_step(it.0)) {
             return None;
+        }
+        for (picture, factor) in uneven {
+            let of_picture = relit.iter_mut().find(|it| it.0 == picture)?;
+            of_picture.1 = exposure::evened(&of_picture.1, factor);
         }
         without.faults.splice(0..0, lights);
         without.relit = relit;
@@ -117,8 +134,7 @@ fn steadied(
     });
     let pairs = bits.chain([[Shown::White, Shown::Black]]);
     let pairs: Vec<[usize; 2]> = pairs.filter_map(|[a, b]| Some([picture(a)?, picture(b)?])).collect();
-    // Steps of a wave have no opposite.
-    if code.steps > 0 || code.inverse == Inverse::None || pairs.len() < MIN_PAIRS {
+    if code.inverse == Inverse::None || pairs.len() < MIN_PAIRS {
         return None;
     }
     let levels = |picture: usize, at: usize| f64::from(pictures[picture].pixels()[at]);
@@ -242,6 +258,23 @@ fn steadied(
         let both = pictures[*a].pixels().iter().zip(pictures[*b].pixels());
         whole.iter_mut().zip(both).for_each(|(to, (a, b))| *to += weight * (f32::from(*a) + f32::from(*b)));
     }
+    if code.steps > 0 {
+        // Steps of a wave have no opposite.
+        let part_of = |picture: usize| parts.iter().find(|it| it.0 == picture).map_or(0.0, |it| it.1);
+        let in_steps = |what: Shown| {
+            let picture = picture(what)?;
+            Some(some.iter().map(|at| levels(picture, *at) - part_of(picture) * f64::from(whole[*at])).collect())
+        };
+        let (white, black) = (in_steps(Shown::White)?, in_steps(Shown::Black)?);
+        let light = some.iter().map(|at| f64::from(whole[*at])).collect();
+        let waves = Waves { white, black, light };
+        for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
+            let steps: Option<Vec<usize>> = (0..code.steps).map(|step| picture(Shown::Phase { axis, step })).collect();
+            let Some(steps) = steps else { continue };
+            let rows: Vec<Vec<f64>> = some.iter().map(|at| steps.iter().map(|it| levels(*it, *at)).collect()).collect();
+            parts.extend(steps.into_iter().zip(waves.light_of_steps(&rows)?));
+        }
+    }
     let one = |&(picture, part): &(usize, f64)| {
         let off = whole.iter().map(|it| part as f32 * it);
         let pixels = pictures[picture].pixels().iter().zip(off);
@@ -249,6 +282,84 @@ fn steadied(
     };
     let by = parts.iter().map(|it| it.1.abs()).fold(0.0, f64::max) * brightness;
     Some((parts.iter().map(one).collect(), vec![SetFault::Unsteady { by }]))
+}
+
+/// What is known of the waves of some pixels: white and black in one light, and what a light that is not steady adds to a picture.
+struct Waves {
+    white: Vec<f64>,
+    black: Vec<f64>,
+    light: Vec<f64>,
+}
+
+impl Waves {
+    /// How many times the light each step of a wave has, by what pixels see of all steps.
+    ///
+    /// A wave's mean and height are the same parts of white − black everywhere. Its phase differs from pixel to pixel, and what a light adds does not: by turns phases are found without the light, and the light of each step as what
+    /// is left beside waves of these phases. Of what the light makes of a wave itself each turn leaves half.
+    fn light_of_steps(&self, rows: &[Vec<f64>]) -> Option<Vec<f64>> {
+        let n = rows.first()?.len();
+        let count = n as f64;
+        let turns: Vec<[f64; 2]> =
+            (0..n).map(|it| (std::f64::consts::TAU * it as f64 / count).sin_cos()).map(|(s, c)| [c, s]).collect();
+        let is_whole = |it: &usize| {
+            self.white[*it] - self.black[*it] >= LEAST_CONTRAST
+                && self.white[*it] < f64::from(SATURATED)
+                && rows[*it].iter().all(|level| *level < f64::from(SATURATED))
+        };
+        let seen: Vec<usize> = (0..rows.len()).filter(is_whole).collect();
+        if seen.len() < MIN_SAMPLES {
+            return None;
+        }
+        let mut times = vec![0.0; n];
+        for _ in 0..WAVE_ROUNDS {
+            let waves: Vec<(usize, [f64; 4])> = seen
+                .iter()
+                .map(|at| {
+                    let [mut mean, mut cosine, mut sine] = [0.0; 3];
+                    for ((level, times), [c, s]) in rows[*at].iter().zip(&times).zip(&turns) {
+                        let level = (level - times * self.light[*at] - self.black[*at]) / count;
+                        (mean, cosine, sine) = (mean + level, cosine + 2.0 * level * c, sine + 2.0 * level * s);
+                    }
+                    (*at, [mean, cosine, sine, cosine.hypot(sine)])
+                })
+                .collect();
+            let contrast = |at: usize| self.white[at] - self.black[at];
+            // Parts of white − black, in the middle one of the pixels.
+            let part = |which: usize| at_share(0.5, waves.iter().map(|(at, it)| it[which] / contrast(*at)).collect());
+            let (mean_part, height_part) = (part(0), part(3));
+            let is_wave = |(at, [.., height]): &&(usize, [f64; 4])| {
+                let usual = height_part * contrast(*at);
+                (usual / WAVE..=usual * WAVE).contains(height)
+            };
+            let mut products = vec![0.0; n];
+            let mut square = 0.0;
+            for (at, [_, cosine, sine, height]) in waves.iter().filter(is_wave) {
+                let (light, contrast) = (self.light[*at], contrast(*at));
+                let scale = height_part * contrast / height;
+                for ((product, level), [c, s]) in products.iter_mut().zip(&rows[*at]).zip(&turns) {
+                    let wave = self.black[*at] + mean_part * contrast + scale * (cosine * c + sine * s);
+                    *product += light * (level - wave);
+                }
+                square += light * light;
+            }
+            times = products.iter().map(|it| it / square.max(1e-9)).collect();
+        }
+        // What all steps have alike adds to the mean of waves, which is a part of white − black.
+        let [mut cc, mut cl, mut ll, mut co, mut lo] = [0.0; 5];
+        for at in seen {
+            let (contrast, light) = (self.white[at] - self.black[at], self.light[at]);
+            let steps = rows[at].iter().zip(&times).map(|(level, times)| level - times * light);
+            let mean = steps.sum::<f64>() / count - self.black[at];
+            (cc, cl, ll) = (cc + contrast * contrast, cl + contrast * light, ll + light * light);
+            (co, lo) = (co + contrast * mean, lo + light * mean);
+        }
+        let determinant = cc * ll - cl * cl;
+        if determinant > ALIKE_EVERYWHERE * cc * ll {
+            let alike = (cc * lo - cl * co) / determinant;
+            times.iter_mut().for_each(|it| *it += alike);
+        }
+        times.iter().all(|it| it.is_finite()).then_some(times)
+    }
 }
 
 /// Whether a light is as bright where the difference of a pair has one sign as where it has the other.
@@ -378,6 +489,54 @@ mod tests {
                     // (It differs by 5.5.)
                     assert!(rms < 3.0, "seed {seed}, picture {at}: {rms}");
                 }
+            }
+        }
+    }
+
+    /// How far phase steps are off those of a steady light after it was taken off, root mean square [gray levels]: the most of all steps.
+    fn steps_off(steps: u32, power: f64, seed: u64) -> (f64, Vec<SetFault>) {
+        let code = StripeCode::phase([160, 120], steps, 8);
+        let shown = code.pictures();
+        let scene = Scene { power, ..wall(seed) };
+        let whole = scene.pictures(&code);
+        let mut random = Random::new(seed);
+        let add = |picture: &Vec<u8>| {
+            let times = 1.5 + 0.7 * random.normal();
+            let more = |at: usize| 14.0 * times * (scene.albedo)((at % 160) as f64, (at / 160) as f64);
+            let pixels = picture.iter().enumerate();
+            pixels.map(|(at, it)| (f64::from(*it) + more(at)).round().clamp(0.0, 255.0) as u8).collect()
+        };
+        let pictures: Vec<Vec<u8>> = whole.iter().map(add).collect();
+        let found = examined(&code, &pictures);
+        let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+        let prepared = found.prepared(&code, &views);
+        let off = |axis: Axis| {
+            let steps: Vec<usize> = (0..steps).filter_map(|step| code.place(Shown::Phase { axis, step })).collect();
+            let is_whole = |at: &usize| steps.iter().all(|it| pictures[*it][*at] < SATURATED);
+            let some: Vec<usize> = (0..19_200).filter(is_whole).collect();
+            let one = |step: usize| {
+                let off = some.iter().map(|at| {
+                    let off = |it: usize| f64::from(prepared.pictures[it][*at]) - f64::from(whole[it][*at]);
+                    // What all steps have alike is no matter.
+                    let mean = steps.iter().map(|it| off(*it)).sum::<f64>() / steps.len() as f64;
+                    (off(steps[step]) - mean).powi(2)
+                });
+                (off.sum::<f64>() / some.len() as f64).sqrt()
+            };
+            (0..steps.len()).map(one).fold(0.0, f64::max)
+        };
+        assert_eq!(prepared.pictures.len(), shown.len(), "{:?}", found.faults);
+        (Axis::BOTH.map(off).into_iter().fold(0.0, f64::max), found.faults)
+    }
+
+    #[test]
+    fn a_light_that_is_not_steady_is_taken_off_phase_steps() {
+        for (steps, power) in [(3, 1.0), (4, 1.0), (8, 1.0), (8, 2.2)] {
+            for seed in 1..=2 {
+                let (off, faults) = steps_off(steps, power, seed);
+                assert!(matches!(faults[..], [SetFault::Unsteady { by }] if by > 5.0), "{steps}, {seed}: {faults:?}");
+                // (As they come they differ by 7 to 12.)
+                assert!(off < 1.5, "{steps} steps, power {power}, seed {seed}: {off}");
             }
         }
     }
