@@ -8,6 +8,7 @@ mod words;
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
+use foveate::imaging::stripes::drift::drift;
 use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
@@ -18,8 +19,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::words::{
-    exchanged_in_words, lacking_finest_in_words, out_of_focus_in_words, soft_in_words, steps_in_words,
-    too_fine_in_words,
+    exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words, out_of_focus_in_words, soft_in_words,
+    steps_in_words, too_fine_in_words,
 };
 use crate::moved::Blocks;
 use crate::pattern::{PatternSettings, calibrated_size, projector_of};
@@ -350,6 +351,7 @@ impl Decoder {
             .collect::<Result<_, _>>()
             .map_err(|fault| one(fault.to_string()))?;
         let changed = Some(Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
+        let drift = drift(&code, &views, self.settings.min_contrast);
         let noise = self.settings.noise.max(found.noise);
         // Three standard deviations of a difference of two pixels.
         let by_noise = (3.0 * std::f64::consts::SQRT_2 * found.noise + 0.5).min(127.0) as u8;
@@ -367,6 +369,14 @@ impl Decoder {
         faults.extend(Axis::BOTH.into_iter().filter_map(|axis| soft_in_words(axis, soft[axis.index()])));
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         faults.extend(out_of_focus_in_words(coordinates.blur));
+        if let Some(drift) = &drift {
+            drift.widen(&mut coordinates);
+            let told = code.pictures();
+            let place = |it: usize| all_shown.iter().position(|shown| *shown == told[it]);
+            let names = [drift.last, drift.first]
+                .map(|it| place(it).and_then(|it| found.picture_at(it)).map_or_else(|| told[it].to_string(), name));
+            faults.push(moved_a_little_in_words(&names, drift.by.norm()));
+        }
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),
             None => brightest(&views),

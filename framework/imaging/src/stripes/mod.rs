@@ -8,6 +8,7 @@
 //! | [`edges`] | boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them |
 //! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
 //! | [`boundary`] | stripe boundary codes, for what moves: four pictures again and again, boundaries tracked from picture to picture |
+//! | [`drift`] | a camera that moved by less than a pixel during a set |
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
 //! | [`faults`] | how that is said |
 //! | [`finest`] | stripes that are finer than the camera resolves |
@@ -23,6 +24,7 @@
 pub mod boundary;
 pub mod code;
 pub mod defocus;
+pub mod drift;
 pub mod edges;
 pub mod ends;
 pub mod examine;

@@ -61,6 +61,13 @@ pub(super) fn lacking_finest_in_words(axis: Axis, bits: u32, lacking: u32) -> Op
     })
 }
 
+/// What is said of a scene that lies elsewhere by `px` from the second of two pictures on.
+pub(super) fn moved_a_little_in_words([last, first]: &[String; 2], px: f64) -> String {
+    format!(
+        "between {last} and {first}, or near there, the scene moved by {px:.2} px in the picture: the camera, or what it sees. Coordinates are as vague as that makes them: what stands still is known better"
+    )
+}
+
 /// What is said of a camera that blurs by a standard deviation of `sigma` px.
 pub(super) fn out_of_focus_in_words(sigma: f64) -> Option<String> {
     (sigma > OUT_OF_FOCUS).then(|| {
