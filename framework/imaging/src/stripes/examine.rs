@@ -5,6 +5,7 @@
 //! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
 //! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
 
+mod fold;
 mod layouts;
 mod light;
 mod open;
@@ -39,6 +40,8 @@ pub struct Examination {
     uneven: Vec<(usize, f64)>,
     /// Pictures under another light, with that taken off.
     relit: Vec<(usize, Vec<u8>)>,
+    /// Pictures that are not there, as the others tell them.
+    unfolded: Vec<(Shown, Vec<u8>)>,
 }
 
 /// Pixels that are looked at, and those that are where something is wrong.
@@ -103,6 +106,15 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
         }
         found.relit.push((*picture, std::mem::take(pixels)));
     }
+    for axis in Axis::BOTH {
+        if let Some(plane) = fold::lone_gap(code, &found, axis)
+            && let Some(pair) = fold::unfolded(code, &found, pictures, axis, plane)
+        {
+            let shown = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
+            found.unfolded.extend(shown.into_iter().zip(pair));
+            found.faults.push(SetFault::Unfolded { axis, plane });
+        }
+    }
     let shown = code.pictures();
     let named = negatives.iter().map(|it| SetFault::Negative { picture: *it, shown: shown[*it], mended: true });
     found.faults.splice(0..0, named);
@@ -110,12 +122,7 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
 }
 
 /// Phase steps that are negatives, in a set with all its pictures. Bits, white and black say what is bright and dark there, for all steps may be negatives.
-fn negative_steps(
-    code: &StripeCode,
-    pictures: &[ImageView<'_>],
-    absent: &[usize],
-    min_contrast: u8,
-) -> Vec<usize> {
+fn negative_steps(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Vec<usize> {
     let shown = code.pictures();
     let (steps, others): (Vec<usize>, Vec<usize>) = (0..pictures.len().min(shown.len()))
         .filter(|it| !absent.contains(it))

@@ -62,6 +62,13 @@ pub enum SetFault {
         /// The bit.
         plane: u32,
     },
+    /// Both pictures of a bit lack, and the other bits and the other axis tell what they would show.
+    Unfolded {
+        /// Of which axis.
+        axis: Axis,
+        /// The bit.
+        plane: u32,
+    },
     /// Phase steps of an axis lack: nothing tells which.
     MissingSteps {
         /// Of which axis.
@@ -313,6 +320,7 @@ impl SetFault {
             | SetFault::MissingSteps { .. }
             | SetFault::ByWay { .. }
             | SetFault::ByWidth { .. }
+            | SetFault::Unfolded { .. }
             | SetFault::NoAxis { .. }
             | SetFault::Unreadable { .. }
             | SetFault::Doubled { .. }

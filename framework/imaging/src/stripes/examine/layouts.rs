@@ -407,8 +407,8 @@ mod tests {
                 let mut pictures = wall_set(1);
                 pictures.drain(first + 2 * plane..first + 2 * plane + 2);
                 let found = examined(&wall_code(), &pictures);
-                let by_width = |it: &&SetFault| !matches!(it, SetFault::ByWidth { .. });
-                let faults: Vec<SetFault> = found.faults[1..].iter().filter(by_width).cloned().collect();
+                let is_named = |it: &&SetFault| !matches!(it, SetFault::ByWidth { .. } | SetFault::Unfolded { .. });
+                let faults: Vec<SetFault> = found.faults[1..].iter().filter(is_named).cloned().collect();
                 // Bits that are one value all over the wall are told from no other one, nor is the coarsest from the finest.
                 let bits: Vec<u32> = match &faults[..] {
                     [SetFault::MissingBits { axis: of, planes, pictures: 2 }] if *of == axis => planes.clone(),
@@ -420,8 +420,9 @@ mod tests {
                     other => panic!("bit {plane} of the {axis:?}: {other:?}"),
                 };
                 assert!(bits.contains(&(plane as u32)), "bit {plane} of the {axis:?}: {bits:?}");
-                // Without its finest bit an axis has wider stripes.
-                let is_left = |it: &Axis| *it != axis || plane + 1 == n;
+                // Without its finest bit an axis has wider stripes, and others may be told by the bits that are there.
+                let is_unfolded = found.faults.contains(&SetFault::Unfolded { axis, plane: plane as u32 });
+                let is_left = |it: &Axis| *it != axis || plane + 1 == n || is_unfolded;
                 let usable: Vec<Axis> = Axis::BOTH.into_iter().filter(is_left).collect();
                 assert_eq!(found.usable(&wall_code()), usable, "bit {plane} of the {axis:?}");
             }

@@ -25,7 +25,7 @@ pub struct Prepared<'a> {
 
 impl Examination {
     /// The picture that shows something.
-    fn picture(&self, code: &StripeCode, what: Shown) -> Option<usize> {
+    pub(super) fn picture(&self, code: &StripeCode, what: Shown) -> Option<usize> {
         code.pictures().iter().position(|it| *it == what).and_then(|it| self.places.get(it).copied().flatten())
     }
 
@@ -41,7 +41,7 @@ impl Examination {
     /// What an axis lacks to be decoded: pictures that are not there and cannot be worked out from others.
     pub fn lacking(&self, code: &StripeCode, axis: Axis) -> Vec<Shown> {
         let has_both = self.has_white_and_black(code);
-        let is_there = |what: Shown| self.picture(code, what).is_some();
+        let is_there = |what: Shown| self.picture(code, what).is_some() || self.unfolded.iter().any(|it| it.0 == what);
         let mut list: Vec<Shown> = (0..code.steps)
             .map(|step| Shown::Phase { axis, step })
             .filter(|it| code.place(*it).is_some() && !is_there(*it))
@@ -103,6 +103,9 @@ impl Examination {
         let left = StripeCode { order: code.order.iter().copied().filter(is_kept).collect(), ..code.clone() };
         let left = left.without_finest(self.finest_left_out(code));
         let taken = |what: Shown| -> Option<Cow<'a, [u8]>> {
+            if let Some((_, told)) = self.unfolded.iter().find(|it| it.0 == what) {
+                return Some(Cow::Owned(told.clone()));
+            }
             let picture = self.picture(code, what)?;
             let pixels = pictures.get(picture)?.pixels();
             if let Some((_, relit)) = self.relit.iter().find(|it| it.0 == picture) {

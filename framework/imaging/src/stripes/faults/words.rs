@@ -59,6 +59,10 @@ impl SetFault {
                 "that bit {plane} of the {} lacks, the finest one, and no other is told by how wide columns and rows are in the picture",
                 axis.in_words()
             ),
+            SetFault::Unfolded { axis, plane } => format!(
+                "bit {plane} of the {} is told by the other bits and by the way in which columns and rows run in the picture: of pictures that are mirrored it would be the other one",
+                axis.in_words()
+            ),
             SetFault::MissingSteps { axis, pictures } => format!(
                 "{pictures} of the {} phase steps of the {} missing, nothing tells which",
                 code.steps,
