@@ -33,6 +33,9 @@ const ACROSS: f64 = 0.5;
 /// Slopes of columns over those of rows, or the other way about, where stripes are as wide as they are taken for: a surface turned by 37° makes 1.25, and another bit that lacks 2 of 1 [–].
 const AS_WIDE: f64 = 1.25;
 
+/// Changes of the finest bit that is there over those of the next coarser one: two where these are neighbours, and four where one between them lacks.
+const AS_NARROW: f64 = 2.8;
+
 /// Columns and rows in the picture, of bits that are certain.
 struct Numbers {
     /// x, y, column and row where both are known [px].
@@ -88,12 +91,28 @@ fn settle_finest(set: &Set<'_>, found: &mut Examination, axis: Axis) {
     if !(1.0 / AS_WIDE..=AS_WIDE).contains(&as_wide) || numbers.beyond[axis.index()] > RIGHT {
         return;
     }
+    // Stripes of a bit are half as wide as those of the next coarser one: a quarter says that another one lies between.
+    let [there, coarser] = [1, 2].map(|it| changes(set, &places, axis, finest.saturating_sub(it)));
+    if there as f64 > AS_NARROW * coarser as f64 {
+        return;
+    }
     let after = |what: &Shown| places[..set.code.place(*what).unwrap_or(0)].iter().rev().find_map(|it| *it);
     let faults = lacking.iter().map(|it| SetFault::Missing { shown: *it, after: after(it), or_inverse: false });
     let faults: Vec<SetFault> = faults.chain([SetFault::ByWidth { axis, plane: finest }]).collect();
     found.faults.splice(at..=at, faults);
     found.unsure.retain(|it| it.0 != axis);
     found.places = places;
+}
+
+/// How often a bit differs from a pixel to the next, right of it or below.
+fn changes(set: &Set<'_>, places: &[Option<usize>], axis: Axis, plane: u32) -> usize {
+    let picture = |inverse: bool| set.code.place(Shown::Bit { axis, plane, inverse }).and_then(|it| places[it]);
+    let (Some(bit), Some(inverse)) = (picture(false), picture(true)) else { return 0 };
+    let is_lit = |at: usize| set.level(bit, at) > set.level(inverse, at);
+    let n = set.pictures[bit].pixels().len();
+    let beside =
+        |&(at, ..): &(usize, u8, u8)| [at + 1, at + set.width].map(|other| other < n && is_lit(at) != is_lit(other));
+    set.lit.iter().flat_map(beside).filter(|it| *it).count()
 }
 
 /// One of the two pictures of a bit lacks, and nothing told which.
@@ -337,6 +356,21 @@ mod tests {
             let found = examined(&code, &pictures);
             assert_eq!(found.finest_left_out(&code), [0, 0], "{:?}", found.faults);
             assert!(!found.usable(&code).contains(&Axis::Columns), "{:?}", found.faults);
+        }
+    }
+
+    #[test]
+    fn the_second_finest_bit_that_lacks_is_not_taken_for_the_finest() {
+        let code = StripeCode::gray([160, 128]);
+        for seed in 1..=3 {
+            // Stripes of the finest bit are four to five pixels wide.
+            let mut pictures =
+                Scene { projector: |x, y| [3.0 + 0.45 * x, 12.0 + 0.58 * y], ..wall(seed) }.pictures(&code);
+            pictures.drain(12..14);
+            let found = examined(&code, &pictures);
+            let is_wrong = |it: &SetFault| matches!(it, SetFault::ByWidth { .. });
+            assert!(!found.faults.iter().any(is_wrong), "seed {seed}: {:?}", found.faults);
+            assert_eq!(found.usable(&code), [Axis::Rows], "seed {seed}: {:?}", found.faults);
         }
     }
 }

@@ -36,7 +36,7 @@ impl Set<'_> {
         [self.width, rows].map(|it| it as f64)
     }
 
-    fn level(&self, picture: usize, at: usize) -> f64 {
+    pub(super) fn level(&self, picture: usize, at: usize) -> f64 {
         f64::from(self.pictures[picture].pixels()[at])
     }
 
