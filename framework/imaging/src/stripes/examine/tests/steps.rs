@@ -106,6 +106,18 @@ fn a_set_of_other_steps_or_another_period_is_told_its_settings() {
 
 #[test]
 fn a_bit_and_a_phase_step_in_each_others_places_are_no_exposure() {
+    // Of a projector whose waves are no sines a step is darker than half of the light, which a bit in its place would make another exposure.
+    let code = StripeCode::phase([160, 120], 8, 8);
+    let whole = Scene { power: 2.2, ..wall(3) }.pictures(&code);
+    for (bit, step) in [(2, 0), (7, 1)] {
+        let mut pictures = whole.clone();
+        let at = code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
+        pictures.swap(bit, at);
+        let faults = examined(&code, &pictures).faults;
+        let is_it =
+            matches!(&faults[..], [SetFault::Exchanged { pictures, mended: true, .. }] if *pictures == [bit, at]);
+        assert!(is_it, "{bit}, {step}: {faults:?}");
+    }
     let mut n_mended = 0;
     for (bit, step) in [2, 3, 6, 7].into_iter().flat_map(|bit| (0..8).map(move |step| (bit, step))) {
         let (said, usable) = of_steps(8, |pictures, place| pictures.swap(bit, place(step)));
@@ -156,7 +168,8 @@ fn a_step_of_the_columns_in_the_place_of_one_of_the_rows_is_taken_for_it() {
         for (a, b) in [(0, 0), (1, 2), (2, 1), (steps - 1, 0)] {
             let places = [place(Axis::Columns, a), place(Axis::Rows, b)];
             let (pictures, faults) = prepared(steps, power, |it| it.swap(places[0], places[1]));
-            let is_it = |it: &SetFault| matches!(it, SetFault::Exchanged { pictures, mended: true, .. } if *pictures == places);
+            let is_it =
+                |it: &SetFault| matches!(it, SetFault::Exchanged { pictures, mended: true, .. } if *pictures == places);
             assert!(faults.len() == 1 && is_it(&faults[0]), "{steps} steps, {a} and {b}: {faults:?}");
             assert!(pictures == whole, "{steps} steps, {a} and {b}");
         }
@@ -183,4 +196,28 @@ fn phase_steps_that_are_negatives_are_turned_back() {
         assert_eq!(faults, named);
         assert!(pictures == whole, "{negatives:?}");
     }
+}
+
+#[test]
+fn a_set_most_of_whose_bits_are_not_as_stated_is_refused_with_both_axes() {
+    let code = StripeCode::phase([160, 120], 4, 4);
+    let whole = wall(3).pictures(&code);
+    // Bits of the columns in an order of their own, some of them before and some behind their inverses: no two of them are exchanged.
+    let mut pictures = whole.clone();
+    for (at, (bit, inverse)) in [(6, 1), (3, 0), (4, 1), (2, 1), (5, 1), (0, 1), (1, 0)].into_iter().enumerate() {
+        pictures[2 * at].clone_from(&whole[2 * bit + inverse]);
+        pictures[2 * at + 1].clone_from(&whole[2 * bit + 1 - inverse]);
+    }
+    let found = examined(&code, &pictures);
+    let words: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`"))).collect();
+    assert!(
+        words[0].starts_with("bit 1 (`2.png`, `3.png`), bit 2") && words[0].contains("fit no Gray code"),
+        "{words:?}"
+    );
+    assert_eq!(found.usable(&code), [], "{words:?}");
+    // One bit that shows another one leaves the rows as they are.
+    let mut pictures = whole;
+    (pictures[6], pictures[7]) = (pictures[2].clone(), pictures[3].clone());
+    let found = examined(&code, &pictures);
+    assert_eq!(found.usable(&code), [Axis::Rows], "{:?}", found.faults);
 }
