@@ -137,16 +137,13 @@ pub(super) fn exchanged(steps: &[&[u8]], stripes: &[u16]) -> Vec<[usize; 2]> {
 
 /// A step of the columns and a step of the rows that stand in each other's places: exchanges that leave much less beside the waves of both axes, and beside the mean that white and black say they have, than the steps as they
 /// stand. Three steps are on a wave whatever they are, and the mean alone tells it. Of four, two that are half a period apart make a wave of another phase when they are exchanged both: then there are two exchanges.
-pub(super) fn exchanged_across(
-    steps: [&[&[u8]]; 2],
-    [white, black]: [&[u8]; 2],
-    pixels: &[usize],
-) -> Vec<[usize; 2]> {
+pub(super) fn exchanged_across(steps: [&[&[u8]]; 2], [white, black]: [&[u8]; 2], pixels: &[usize]) -> Vec<[usize; 2]> {
     let n = steps[0].len();
     if steps[1].len() != n || n < 3 {
         return Vec::new();
     }
-    let is_whole = |at: &&usize| white[**at] < SATURATED && steps.iter().copied().flatten().all(|it| it[**at] < SATURATED);
+    let is_whole =
+        |at: &&usize| white[**at] < SATURATED && steps.iter().copied().flatten().all(|it| it[**at] < SATURATED);
     let some: Vec<usize> =
         pixels.iter().step_by(pixels.len().div_ceil(ACROSS).max(1)).filter(is_whole).copied().collect();
     if some.len() < LEAST_ACROSS {
