@@ -94,7 +94,7 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
                 add(bit(false), bit(true));
             }
         }
-        for step in (0..code.steps / 2).filter(|_| code.steps % 2 == 0) {
+        for step in (0..code.steps / 2).filter(|_| code.steps.is_multiple_of(2)) {
             add(Shown::Phase { axis, step }, Shown::Phase { axis, step: step + code.steps / 2 });
         }
     }
