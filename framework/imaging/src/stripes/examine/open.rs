@@ -363,9 +363,9 @@ mod tests {
     fn the_second_finest_bit_that_lacks_is_not_taken_for_the_finest() {
         let code = StripeCode::gray([160, 128]);
         for seed in 1..=3 {
-            // Stripes of the finest bit are four to five pixels wide.
+            // Stripes of the finest bit are two pixels wide: where a coarser bit changes, the next pixel may lie beyond them.
             let mut pictures =
-                Scene { projector: |x, y| [3.0 + 0.45 * x, 12.0 + 0.58 * y], ..wall(seed) }.pictures(&code);
+                Scene { projector: |x, y| [3.0 + 0.97 * x, 12.0 + 0.95 * y], ..wall(seed) }.pictures(&code);
             pictures.drain(12..14);
             let found = examined(&code, &pictures);
             let is_wrong = |it: &SetFault| matches!(it, SetFault::ByWidth { .. });
