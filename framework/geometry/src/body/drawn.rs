@@ -177,6 +177,12 @@ pub(super) fn ring(n: usize, random: &mut Random) -> Vec<Point3<f64>> {
 
 /// What perfect silhouettes from these places leave over: cubes whose middles lie before or behind a tube in each.
 pub(super) fn hull(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> VoxelField {
+    let (low, inside) = hull_cells(tubes, cameras, size);
+    VoxelField::new(size, &low, &inside, ENDLESS).unwrap()
+}
+
+/// The same as the corner of cube (0, 0, 0) and places in the grid.
+pub(super) fn hull_cells(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> (Point3<f64>, Vec<[u16; 3]>) {
     let (mut low, mut high) = (Point3::from([f64::INFINITY; 3]), Point3::from([f64::NEG_INFINITY; 3]));
     for (ends, radius) in tubes {
         for end in ends {
@@ -193,7 +199,7 @@ pub(super) fn hull(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> VoxelF
     };
     let all = (0..n.x).flat_map(|x| (0..n.y).flat_map(move |y| (0..n.z).map(move |z| [x, y, z])));
     let inside = all.filter(|it| is_seen(&(low + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * size)));
-    VoxelField::new(size, &low, &inside.collect::<Vec<_>>(), ENDLESS).unwrap()
+    (low, inside.collect())
 }
 
 /// How near the line of sight from `from` through `place` passes a piece of a line [m].

@@ -14,6 +14,9 @@ use super::field::VoxelField;
 use super::fit::{Labelled, Skins};
 use super::parts::{Limb, Part};
 use super::tracker::{BodyTracker, LimbLevel, TrackerOptions, UPRIGHT};
+use touching::touching;
+
+mod touching;
 
 /// How bodies are told apart.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +32,9 @@ pub struct PeopleOptions {
     /// Components across a gap of about this belong together unless both are as large as a body [m].
     pub gap: f64,
 }
+
+/// Several bodies that explain less than one would leave so much more of the skin to nobody [–]: where they are cut apart nobody has any.
+const MORE: f64 = 0.03;
 
 /// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
@@ -243,17 +249,31 @@ impl People {
             let own: Vec<[u16; 3]> = voxels.iter().map(|&it| cubes.indices[it]).collect();
             let Some(field) = VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells) else { return };
             let found = BodyTracker::acquire(&field, &self.options.tracker);
-            let found = found.and_then(|it| if beside { self.upright(it, &field) } else { Ok(it) });
-            let failure = match found {
-                Ok(tracker) if self.followed.len() < self.options.most && !self.is_known(&tracker) => {
-                    let skins = tracker.skins();
-                    voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
-                    self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true, doubt_s: 0.0 });
-                    self.next_id += 1;
-                    self.counts.found += 1;
-                    continue;
+            let found = if beside {
+                found.and_then(|it| self.upright(it, &field)).map(|it| vec![it])
+            } else {
+                let several = touching(cubes, &voxels, &self.options.tracker);
+                let unexplained = several.iter().map(|it| it.support().unexplained).sum::<f64>() / several.len() as f64;
+                match found {
+                    Err(failure) if several.is_empty() => Err(failure),
+                    Ok(one) if several.is_empty() || unexplained > one.support().unexplained + MORE => Ok(vec![one]),
+                    _ => Ok(several),
                 }
-                Ok(_) => AcquisitionFailure::Known { most: self.options.most },
+            };
+            let failure = match found {
+                Ok(mut found) => {
+                    found.retain(|it| !self.is_known(it));
+                    found.truncate(self.options.most.saturating_sub(self.followed.len()));
+                    for tracker in &found {
+                        let skins = tracker.skins();
+                        voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
+                    }
+                    if !found.is_empty() {
+                        found.into_iter().for_each(|it| self.follow(it));
+                        continue;
+                    }
+                    AcquisitionFailure::Known { most: self.options.most }
+                }
                 Err(failure) => failure,
             };
             self.counts.failed += 1;
@@ -265,6 +285,12 @@ impl People {
             });
             return;
         }
+    }
+
+    fn follow(&mut self, tracker: BodyTracker) {
+        self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true, doubt_s: 0.0 });
+        self.next_id += 1;
+        self.counts.found += 1;
     }
 
     /// Who comes in close to somebody else walks in; who lies there is found once apart.
@@ -331,9 +357,12 @@ fn root(group: &[usize], of: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use foveate_estimation::random::Random;
+
     use super::*;
     use crate::body::drawn;
     use crate::body::field::ENDLESS;
+    use crate::body::parts::Joint;
 
     /// Boxes of cubes of 20 mm, each a component of its own: first and last index along x; 10 × 40 cubes (8 l a 10 along x).
     fn boxes(along: &[[u16; 2]]) -> (Vec<[u16; 3]>, Vec<u16>) {
@@ -381,6 +410,47 @@ mod tests {
             let ids: Vec<u32> = people.list().iter().map(|it| it.id).collect();
             assert_eq!(ids, [expected]);
         }
+    }
+
+    /// The heads of those who are found in the first moment in these tubes, seen by ten cameras.
+    fn heads(tubes: &[drawn::Tube], random: &mut Random) -> Vec<Point3<f64>> {
+        let (origin, indices) = drawn::hull_cells(tubes, &drawn::ring(10, random), 0.03);
+        let cubes =
+            Cubes { size: 0.03, origin, cells: ENDLESS, indices: &indices, components: &vec![0; indices.len()] };
+        let mut people = People::new(PeopleOptions::default());
+        people.step(&cubes, 0.0, |_, _| Vec::new());
+        people.list().iter().map(|it| it.tracker.filter().body.centre(Part::Head)).collect()
+    }
+
+    #[test]
+    fn people_who_touch_from_the_first_moment_are_several_and_a_raised_fist_is_nobody() {
+        let (mut lone, mut two) = (0, 0);
+        for seed in 9700..9712 {
+            let mut random = Random::new(seed);
+            let mut one = drawn::Stance::upright(&mut random);
+            one.stature = one.stature.max(1.5);
+            let mut other = drawn::Stance { stature: one.stature * 0.97, ..one.clone() };
+            one.vary(&mut random);
+            lone += usize::from(heads(&one.drawn().0, &mut random).len() == 1);
+            // Shoulder to shoulder, arms down, or face to face, arms around each other.
+            let is_side = seed.is_multiple_of(2);
+            let mut one = other.clone();
+            let way = one.heading + if is_side { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+            let apart = if is_side { 0.42 } else { 0.36 };
+            other.at = [one.at[0] + apart * way.cos(), one.at[1] + apart * way.sin()];
+            if !is_side {
+                other.heading += std::f64::consts::PI;
+            }
+            (one.arms, other.arms) = ([0.15; 2], [0.2; 2]);
+            (one.lean, other.lean) = (0.0, 0.0);
+            let people = [one.drawn(), other.drawn()];
+            let found = heads(&[&people[0].0[..], &people[1].0[..]].concat(), &mut random);
+            let truth = people.map(|(_, joints)| joints.iter().find(|it| it.0 == Joint::Head).map(|it| it.1));
+            let is_right =
+                |it: &Option<Point3<f64>>| it.is_some_and(|it| found.iter().any(|at| (at - it).norm() < 0.1));
+            two += usize::from(found.len() == 2 && truth.iter().all(is_right));
+        }
+        assert!(lone >= 11 && two >= 11, "of 12 alone {lone} are one, of 12 twos {two} are two");
     }
 
     #[test]
