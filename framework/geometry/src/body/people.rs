@@ -89,6 +89,8 @@ pub struct Followed {
     pub age_s: f64,
     /// Whether voxels were its own in this frame.
     pub is_seen: bool,
+    /// Whether its voxels hang together with those of another body.
+    pub is_touching: bool,
     /// How long it was a trunk without limbs that lies at somebody else's [s].
     pub doubt_s: f64,
 }
@@ -155,6 +157,7 @@ impl People {
         for (place, followed) in self.followed.iter_mut().enumerate() {
             followed.age_s += dt_s;
             followed.is_seen = !owners[place].is_empty();
+            followed.is_touching = is_shared[place];
             let own: Vec<[u16; 3]> = owners[place].iter().map(|&it| cubes.indices[it]).collect();
             match VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells) {
                 Some(field) => {
@@ -188,7 +191,25 @@ impl People {
         for voxels in beside {
             self.acquire(cubes, voxels, true, &mut unmodelled);
         }
+        self.mark_shared_limbs();
         unmodelled
+    }
+
+    /// Limbs that lie at another body that touches may be that body's, or lie elsewhere on it.
+    fn mark_shared_limbs(&mut self) {
+        let skins: Vec<Skins> = self.followed.iter().map(|it| it.tracker.skins()).collect();
+        for (place, followed) in self.followed.iter_mut().enumerate() {
+            let body = &followed.tracker.filter().body;
+            let is_near = |at: &Point3<f64>| {
+                let others = skins.iter().enumerate().filter(|it| it.0 != place);
+                others.into_iter().any(|it| it.1.distance(at) < self.options.near)
+            };
+            let shared = Limb::ALL.map(|limb| {
+                let ends = limb.parts().map(|part| body.place(part, &-Vector3::z()));
+                followed.is_touching && ends.iter().any(is_near)
+            });
+            followed.tracker.share_limbs(shared);
+        }
     }
 
     fn share_out(&self, cubes: &Cubes) -> Shares {
@@ -269,7 +290,8 @@ impl People {
                         voxels.retain(|&it| skins.distance(&cubes.centre(it)) > self.options.near / 2.0);
                     }
                     if !found.is_empty() {
-                        found.into_iter().for_each(|it| self.follow(it));
+                        let is_touching = beside || found.len() > 1;
+                        found.into_iter().for_each(|it| self.follow(it, is_touching));
                         continue;
                     }
                     AcquisitionFailure::Known { most: self.options.most }
@@ -287,8 +309,9 @@ impl People {
         }
     }
 
-    fn follow(&mut self, tracker: BodyTracker) {
-        self.followed.push(Followed { id: self.next_id, tracker, age_s: 0.0, is_seen: true, doubt_s: 0.0 });
+    fn follow(&mut self, tracker: BodyTracker, is_touching: bool) {
+        let id = self.next_id;
+        self.followed.push(Followed { id, tracker, age_s: 0.0, is_seen: true, is_touching, doubt_s: 0.0 });
         self.next_id += 1;
         self.counts.found += 1;
     }
@@ -363,6 +386,8 @@ mod tests {
     use crate::body::drawn;
     use crate::body::field::ENDLESS;
     use crate::body::parts::Joint;
+    use crate::body::standing::mirrored;
+    use crate::body::tracker::JointSource;
 
     /// Boxes of cubes of 20 mm, each a component of its own: first and last index along x; 10 × 40 cubes (8 l a 10 along x).
     fn boxes(along: &[[u16; 2]]) -> (Vec<[u16; 3]>, Vec<u16>) {
@@ -412,45 +437,55 @@ mod tests {
         }
     }
 
-    /// The heads of those who are found in the first moment in these tubes, seen by ten cameras.
-    fn heads(tubes: &[drawn::Tube], random: &mut Random) -> Vec<Point3<f64>> {
+    /// Those who are found in the first moment in these tubes, seen by ten cameras.
+    fn found(tubes: &[drawn::Tube], random: &mut Random) -> Vec<BodyTracker> {
         let (origin, indices) = drawn::hull_cells(tubes, &drawn::ring(10, random), 0.03);
         let cubes =
             Cubes { size: 0.03, origin, cells: ENDLESS, indices: &indices, components: &vec![0; indices.len()] };
         let mut people = People::new(PeopleOptions::default());
         people.step(&cubes, 0.0, |_, _| Vec::new());
-        people.list().iter().map(|it| it.tracker.filter().body.centre(Part::Head)).collect()
+        people.list().iter().map(|it| it.tracker.clone()).collect()
     }
 
     #[test]
     fn people_who_touch_from_the_first_moment_are_several_and_a_raised_fist_is_nobody() {
-        let (mut lone, mut two) = (0, 0);
+        let (mut lone, mut two, mut elsewhere, mut in_arms) = (0, 0, 0, 0);
         for seed in 9700..9712 {
             let mut random = Random::new(seed);
             let mut one = drawn::Stance::upright(&mut random);
             one.stature = one.stature.max(1.5);
-            let mut other = drawn::Stance { stature: one.stature * 0.97, ..one.clone() };
+            let other = drawn::Stance { stature: one.stature * 0.97, ..one.clone() };
             one.vary(&mut random);
-            lone += usize::from(heads(&one.drawn().0, &mut random).len() == 1);
-            // Shoulder to shoulder, arms down, or face to face, arms around each other.
+            lone += usize::from(found(&one.drawn().0, &mut random).len() == 1);
+            // Shoulder to shoulder with hanging arms, or face to face with arms around each other.
             let is_side = seed.is_multiple_of(2);
-            let mut one = other.clone();
-            let way = one.heading + if is_side { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-            let apart = if is_side { 0.42 } else { 0.36 };
-            other.at = [one.at[0] + apart * way.cos(), one.at[1] + apart * way.sin()];
-            if !is_side {
-                other.heading += std::f64::consts::PI;
-            }
-            (one.arms, other.arms) = ([0.15; 2], [0.2; 2]);
-            (one.lean, other.lean) = (0.0, 0.0);
+            let [aside, apart] = if is_side { [std::f64::consts::FRAC_PI_2, 0.42] } else { [0.0, 0.36] };
+            let [arms, elbows] = if is_side { [[0.15; 2]; 2] } else { [[0.9, 1.1], [1.7, 1.9]] };
+            let one = drawn::Stance { arms, elbows, lean: 0.0, ..other };
+            let way = one.heading + aside;
+            let heading = if is_side { one.heading } else { one.heading + std::f64::consts::PI };
+            let at = [one.at[0] + apart * way.cos(), one.at[1] + apart * way.sin()];
+            let other = drawn::Stance { at, heading, ..one.clone() };
             let people = [one.drawn(), other.drawn()];
-            let found = heads(&[&people[0].0[..], &people[1].0[..]].concat(), &mut random);
-            let truth = people.map(|(_, joints)| joints.iter().find(|it| it.0 == Joint::Head).map(|it| it.1));
-            let is_right =
-                |it: &Option<Point3<f64>>| it.is_some_and(|it| found.iter().any(|at| (at - it).norm() < 0.1));
-            two += usize::from(found.len() == 2 && truth.iter().all(is_right));
+            let bodies = found(&[&people[0].0[..], &people[1].0[..]].concat(), &mut random);
+            let place = |person: usize, joint: Joint| people[person].1.iter().find(|it| it.0 == joint).map(|it| it.1);
+            let off = |person: usize, at: &Point3<f64>, joint: Joint| {
+                place(person, joint).map_or(f64::INFINITY, |it| (it - at).norm())
+            };
+            two += usize::from(bodies.len() == 2);
+            for body in &bodies {
+                let head = body.filter().body.centre(Part::Head);
+                let person = usize::from(off(1, &head, Joint::Head) < off(0, &head, Joint::Head));
+                for it in body.joints().iter().filter(|it| it.source == JointSource::Measured) {
+                    in_arms += usize::from(!is_side && matches!(it.joint, Joint::LeftWrist | Joint::RightWrist));
+                    let [same, other] = [it.joint, mirrored(it.joint)].map(|name| off(person, &it.position, name));
+                    elsewhere += usize::from(same.min(other) > 0.15);
+                }
+            }
         }
         assert!(lone >= 11 && two >= 11, "of 12 alone {lone} are one, of 12 twos {two} are two");
+        assert_eq!(elsewhere, 0, "measured joints of the twos are elsewhere");
+        assert_eq!(in_arms, 0, "wrists at the other's body are measured");
     }
 
     #[test]

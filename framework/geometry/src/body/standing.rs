@@ -12,7 +12,7 @@ use super::tracker::{BodyTracker, JointEstimate, JointSource, TrackerOptions};
 /// Farther off is a joint that lies in another limb [m].
 const ELSEWHERE: f64 = 0.15;
 
-fn mirrored(joint: Joint) -> Joint {
+pub(super) fn mirrored(joint: Joint) -> Joint {
     let pairs = [
         [Joint::LeftShoulder, Joint::RightShoulder],
         [Joint::LeftElbow, Joint::RightElbow],

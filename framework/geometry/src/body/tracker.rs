@@ -135,6 +135,8 @@ pub struct BodyTracker {
     frame: u64,
     /// Of each arm, what the voxels around its lower part hold over that part's volume [–].
     room: [f64; 2],
+    /// Of each limb, whether it lies at another body that touches.
+    shared: [bool; 4],
     /// Of what a frame says of sizes, what is taken [–].
     share: f64,
     /// Edge of the last voxels [m].
@@ -238,6 +240,7 @@ impl BodyTracker {
             is_lost: false,
             frame: 0,
             room: [1.0; 2],
+            shared: [false; 4],
             share: 1.0,
             voxel: field.size(),
             last: None,
@@ -415,6 +418,8 @@ impl BodyTracker {
         self.limbs.swap(0, 1);
         self.limbs.swap(2, 3);
         self.room.swap(0, 1);
+        self.shared.swap(0, 1);
+        self.shared.swap(2, 3);
         let support = self.support;
         for part in Part::ALL {
             self.support.covered[part.index()] = support.covered[part.mirrored().index()];
@@ -425,6 +430,11 @@ impl BodyTracker {
     /// Whether voxels have not supported head or trunk for too long.
     pub fn is_lost(&self) -> bool {
         self.is_lost
+    }
+
+    /// Says which limbs lie at another body that touches: these are not measured.
+    pub fn share_limbs(&mut self, shared: [bool; 4]) {
+        self.shared = shared;
     }
 
     /// Its skins, to ask how far a place is from them.
@@ -482,6 +492,7 @@ impl BodyTracker {
         // Legs have little room where they stand apart, and share it with each other where they do not.
         let is_held = self.room.get(limb.index()).is_none_or(|it| *it <= most_room);
         !self.is_nobodys(limb)
+            && !self.shared[limb.index()]
             && is_held
             && self.bend(limb) <= self.options.limits.bend + self.options.limits.sigma
             && (!limb.is_leg() || covered.iter().all(|it| *it >= measured_leg))
