@@ -9,6 +9,9 @@ use super::field::{ENDLESS, VoxelField};
 use super::parts::Joint;
 use super::tracker::{BodyTracker, JointEstimate, JointSource, TrackerOptions};
 
+/// Where joints are [m].
+type Places = Vec<(Joint, Point3<f64>)>;
+
 /// Farther off is a joint that lies in another limb [m].
 const ELSEWHERE: f64 = 0.15;
 
@@ -44,7 +47,7 @@ fn acquire(
     stance: &Stance,
     n_cameras: usize,
     random: &mut Random,
-) -> (Result<BodyTracker, AcquisitionFailure>, Vec<(Joint, Point3<f64>)>) {
+) -> (Result<BodyTracker, AcquisitionFailure>, Places) {
     let (tubes, truth) = stance.drawn();
     let mut options = TrackerOptions::default();
     options.proportions.stature = stance.stature;
