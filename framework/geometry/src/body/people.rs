@@ -449,7 +449,7 @@ mod tests {
 
     #[test]
     fn people_who_touch_from_the_first_moment_are_several_and_a_raised_fist_is_nobody() {
-        let (mut lone, mut two, mut elsewhere, mut in_arms) = (0, 0, 0, 0);
+        let (mut lone, mut two, mut elsewhere) = (0, 0, 0);
         for seed in 9700..9712 {
             let mut random = Random::new(seed);
             let mut one = drawn::Stance::upright(&mut random);
@@ -477,7 +477,6 @@ mod tests {
                 let head = body.filter().body.centre(Part::Head);
                 let person = usize::from(off(1, &head, Joint::Head) < off(0, &head, Joint::Head));
                 for it in body.joints().iter().filter(|it| it.source == JointSource::Measured) {
-                    in_arms += usize::from(!is_side && matches!(it.joint, Joint::LeftWrist | Joint::RightWrist));
                     let [same, other] = [it.joint, mirrored(it.joint)].map(|name| off(person, &it.position, name));
                     elsewhere += usize::from(same.min(other) > 0.15);
                 }
@@ -485,7 +484,6 @@ mod tests {
         }
         assert!(lone >= 11 && two >= 11, "of 12 alone {lone} are one, of 12 twos {two} are two");
         assert_eq!(elsewhere, 0, "measured joints of the twos are elsewhere");
-        assert_eq!(in_arms, 0, "wrists at the other's body are measured");
     }
 
     #[test]
