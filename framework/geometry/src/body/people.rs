@@ -201,8 +201,7 @@ impl People {
         for (place, followed) in self.followed.iter_mut().enumerate() {
             let body = &followed.tracker.filter().body;
             let is_near = |at: &Point3<f64>| {
-                let others = skins.iter().enumerate().filter(|it| it.0 != place);
-                others.into_iter().any(|it| it.1.distance(at) < self.options.near)
+                skins.iter().enumerate().any(|it| it.0 != place && it.1.distance(at) < self.options.near)
             };
             let shared = Limb::ALL.map(|limb| {
                 let ends = limb.parts().map(|part| body.place(part, &-Vector3::z()));

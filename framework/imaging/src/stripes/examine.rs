@@ -40,10 +40,8 @@ pub struct Examination {
     uneven: Vec<(usize, f64)>,
     /// Pictures under another light, with that taken off.
     relit: Vec<(usize, Vec<u8>)>,
-    /// Pictures that are not there, as the others tell them.
+    /// Bits that are not there, each with its inverse after it, as the other pictures tell them: both alike where these leave it open.
     unfolded: Vec<(Shown, Vec<u8>)>,
-    /// Pixels that these leave open; none where there are none of them.
-    open: Vec<bool>,
 }
 
 /// Pixels that are looked at, and those that are where something is wrong.
@@ -112,11 +110,6 @@ pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], 
         if let Some(plane) = fold::lone_gap(code, &found, axis)
             && let Some(pair) = fold::unfolded(code, &found, pictures, axis, plane)
         {
-            let open = pair[0].iter().zip(&pair[1]).map(|(a, b)| a == b);
-            found.open = match found.open.is_empty() {
-                true => open.collect(),
-                false => found.open.iter().zip(open).map(|(a, b)| *a || b).collect(),
-            };
             let shown = [false, true].map(|inverse| Shown::Bit { axis, plane, inverse });
             found.unfolded.extend(shown.into_iter().zip(pair));
             found.faults.push(SetFault::Unfolded { axis, plane });

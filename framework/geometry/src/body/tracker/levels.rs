@@ -286,6 +286,16 @@ mod tests {
         drawn::field(&drawn::somebody())
     }
 
+    /// Bends a limb about the axis across by so much [rad].
+    fn fold(tracker: &mut BodyTracker, limb: Limb, by: f64) {
+        let [upper, lower] = limb.parts();
+        let mut body = tracker.filter.body.clone();
+        let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), by);
+        body.turns[lower.index()] = body.turns[upper.index()] * about;
+        tracker.set_level(limb, LimbLevel::Absent, &body);
+        tracker.set_level(limb, LimbLevel::Bent, &body);
+    }
+
     #[test]
     fn an_arm_that_was_folded_up_beside_the_trunk_is_unfolded() {
         let field = somebody();
@@ -295,12 +305,8 @@ mod tests {
             it.filter.body.joint(if it.facing.log_odds() < 0.0 { Joint::RightElbow } else { Joint::LeftElbow })
         };
         // The forearm up along an upper arm that has grown.
-        let [upper, lower] = limb.parts();
-        let mut body = tracker.filter.body.clone();
-        let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 2.6);
-        body.turns[lower.index()] = body.turns[upper.index()] * about;
-        tracker.set_level(limb, LimbLevel::Absent, &body);
-        tracker.set_level(limb, LimbLevel::Bent, &body);
+        fold(&mut tracker, limb, 2.6);
+        let [upper, _] = limb.parts();
         tracker.filter.forget_sizes(upper, &Vector3::new(0.045, 0.045, 0.21), &Vector3::repeat(1e-3));
         assert!(tracker.unusual(limb) > 4.0, "{}", tracker.unusual(limb));
         let before = tracker.bend(limb);
@@ -318,12 +324,7 @@ mod tests {
         let field = somebody();
         let mut tracker = BodyTracker::acquire(&field, &TrackerOptions::default()).unwrap();
         let limb = Limb::RightLeg;
-        let [upper, lower] = limb.parts();
-        let mut body = tracker.filter.body.clone();
-        let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 2.9);
-        body.turns[lower.index()] = body.turns[upper.index()] * about;
-        tracker.set_level(limb, LimbLevel::Absent, &body);
-        tracker.set_level(limb, LimbLevel::Bent, &body);
+        fold(&mut tracker, limb, 2.9);
         let before = tracker.bend(limb);
         for _ in 0..3 {
             tracker.step(&field, 1.0 / 30.0, &[]);

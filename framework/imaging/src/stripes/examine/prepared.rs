@@ -149,7 +149,8 @@ impl Examination {
         let mut pictures: Vec<Cow<'a, [u8]>> = list.collect();
         // What is left open is not lit, and as bright together as it was: beside a stripe's end a decoder would take two pictures of a bit that are alike for the end itself.
         if let (Some(white), Some(black)) = (left.place(Shown::White), left.place(Shown::Black)) {
-            for at in (0..self.open.len()).filter(|it| self.open[*it]) {
+            let pairs = self.unfolded.chunks_exact(2).flat_map(|pair| pair[0].1.iter().zip(&pair[1].1).enumerate());
+            for (at, _) in pairs.filter(|(_, (bit, inverse))| bit == inverse) {
                 let [a, b] = [white, black].map(|it| u16::from(pictures[it][at]));
                 pictures[white].to_mut()[at] = ((a + b) / 2) as u8;
                 pictures[black].to_mut()[at] = (a + b).div_ceil(2) as u8;
