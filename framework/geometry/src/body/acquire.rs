@@ -97,6 +97,16 @@ pub enum AcquisitionFailure {
         /// Root mean square over all limbs [–].
         limbs: f64,
     },
+    /// The volume cuts it off, and the head is perhaps beyond its end.
+    #[error(
+        "the volume cuts it off, and no head in it is clear: {head:.2} of its skin is there, {expected:.2} are needed"
+    )]
+    CutOff {
+        /// [–]
+        head: f64,
+        /// Threshold [–].
+        expected: f64,
+    },
     /// It is somebody who is followed already, or one too many.
     #[error("its head is that of a body that is followed already, or {most} are followed, which is the most")]
     Known {

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use super::acquire::{AcquisitionFailure, AcquisitionOptions, find_heads};
 use super::drawn::{self, Stance, hull, ring};
 use super::field::{ENDLESS, VoxelField};
-use super::parts::Joint;
+use super::parts::{Joint, Part};
 use super::tracker::{BodyTracker, JointEstimate, JointSource, TrackerOptions};
 
 /// Where joints are [m].
@@ -175,4 +175,37 @@ fn no_head_is_seen_where_the_volume_cuts_a_body_off() {
         seen += heads(ENDLESS);
     }
     assert!(seen > 0, "nothing looks like a head there anyway");
+}
+
+#[test]
+fn shoulders_below_the_end_of_the_volume_are_no_heads_and_raised_arms_may_leave_it() {
+    const SIZE: f64 = 0.025;
+    let (mut invented, mut found) = (Vec::new(), 0);
+    for seed in 9900..9912 {
+        let mut random = Random::new(seed);
+        let stance = Stance { arms: [0.12, 0.15], ..Stance::upright(&mut random) };
+        let raised = Stance { arms: [2.4, 2.9], elbows: [0.3; 2], ..stance.clone() };
+        let cameras = ring(6, &mut random);
+        let mut options = TrackerOptions::default();
+        options.acquisition.least_volume = 0.008;
+        let off = |stance: &Stance, end: &dyn Fn(f64, f64) -> f64| {
+            let (tubes, truth) = stance.drawn();
+            let place = |name| truth.iter().find(|it| it.0 == name).map(|it| it.1);
+            let (Some(head), Some(neck)) = (place(Joint::Head), place(Joint::Neck)) else { unreachable!() };
+            let (origin, all) = drawn::hull_cells(&tubes, &cameras, SIZE);
+            let cells = (end(neck.z, head.z) / SIZE) as u32;
+            let below: Vec<[u16; 3]> = all.into_iter().filter(|it| u32::from(it[2]) < cells).collect();
+            let field = VoxelField::new(SIZE, &origin, &below, [u32::MAX, u32::MAX, cells]).unwrap();
+            let body = BodyTracker::acquire(&field, &options).ok()?;
+            Some((body.filter().body.centre(Part::Head) - head).norm())
+        };
+        // At the belly, the chest, the neck, and within the head.
+        for share in [0.7, 0.85, 1.0, 1.1] {
+            let off = off(&stance, &|neck, _| share * neck);
+            invented.extend(off.filter(|it| *it > ELSEWHERE).map(|it| format!("{seed}: {share}, {it:.2} m off")));
+        }
+        found += usize::from(off(&raised, &|_, head| head + 0.25).is_some_and(|it| it < 0.05));
+    }
+    assert!(invented.is_empty(), "{} of 48\n{}", invented.len(), invented.join("\n"));
+    assert!(found >= 11, "of 12 with raised arms {found} are found");
 }
