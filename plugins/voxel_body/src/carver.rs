@@ -200,7 +200,7 @@ impl Node for Carver {
             poses: VecDeque::new(),
             tally: BTreeMap::new(),
             totals: Totals::default(),
-            words: Words::default(),
+            words: Words::new(settings.min_views == 0),
             volume,
         })
     }

@@ -14,6 +14,7 @@ figures! {
     "silhouette.empty.*": count, neither, "Silhouettes without one";
     "silhouette.full.*": count, low, "Silhouettes that fill the picture";
     "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
+    "silhouette.specks.*": share, low, "Part of the camera's pixels that were given the value of their neighbours, since these are all of the other kind, or all but one";
     "silhouette.refused.*": count, low, "Pictures whose bytes are not what their size promises";
 }
 
@@ -29,12 +30,14 @@ pub struct MasksSettings {
     /// A silhouette with a larger part body is `full` [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub full_fraction: f64,
+    /// Whether a pixel whose eight neighbours are all of the other kind, or all but one, is of theirs: keyed pictures have such specks, and no limb is as thin [–]
+    pub despeckle: bool,
 }
 
 impl Default for MasksSettings {
-    /// Half-way, bright on dark, full from 95 % on.
+    /// Half-way, bright on dark, full from 95 % on, without specks.
     fn default() -> Self {
-        Self { threshold: 128, inverted: false, full_fraction: 0.95 }
+        Self { threshold: 128, inverted: false, full_fraction: 0.95, despeckle: true }
     }
 }
 
@@ -53,6 +56,7 @@ pub struct Masks {
     nearest: Option<u8>,
     /// Masks whose background is body, most likely.
     inside_out: u64,
+    specks: Specks,
 }
 
 impl Node for Masks {
@@ -91,6 +95,7 @@ impl Node for Masks {
             refused: 0,
             nearest: None,
             inside_out: 0,
+            specks: Specks::default(),
         })
     }
 
@@ -110,6 +115,9 @@ impl Node for Masks {
         silhouette.confidence.clear();
         let level = |pixel: &[u8]| self.table[usize::from(pixel.iter().copied().max().unwrap_or(0))];
         silhouette.confidence.extend(mask.pixels.chunks_exact(channels).map(level));
+        if self.settings.despeckle {
+            self.specks.remove(&mut silhouette);
+        }
         silhouette.n_body = silhouette.confidence.iter().filter(|it| **it >= Silhouette::BODY).count() as u32;
         let share = f64::from(silhouette.n_body) / n.max(1) as f64;
         silhouette.status = match silhouette.n_body {
@@ -144,6 +152,16 @@ impl Node for Masks {
                 report.figure(format!("silhouette.{what}.{name}"), n as f64);
             }
         }
+        let specks = self.specks.n as f64 / self.specks.n_pixels.max(1) as f64;
+        if self.specks.n > 0 {
+            report.figure(format!("silhouette.specks.{name}"), specks);
+        }
+        if specks > MANY_SPECKS {
+            report.remark(format!(
+                "{name}: {:.1} % of the pixels of its masks were specks of one or two pixels and were given their neighbours' value: are masks noisy, or saved as JPEG? (`despeckle`)",
+                100.0 * specks
+            ));
+        }
         if let Some(level) = self.nearest.filter(|_| seen + full == 0) {
             let (nearest, expected) = if self.settings.inverted {
                 ("darkest", format!("{} or less", 255 - self.settings.threshold))
@@ -166,6 +184,52 @@ impl Node for Masks {
     }
 }
 
+/// More specks than this are said in words [–].
+const MANY_SPECKS: f64 = 0.002;
+
+/// Takes specks off masks, and counts them.
+#[derive(Default)]
+struct Specks {
+    n: u64,
+    n_pixels: u64,
+    /// By pixel: 1 where body is; and how many of three in its row are.
+    is_body: Vec<u8>,
+    of_row: Vec<u8>,
+}
+
+impl Specks {
+    /// Pixels on the picture's edge stay as they are.
+    fn remove(&mut self, silhouette: &mut Silhouette) {
+        let (width, height) = (silhouette.width as usize, silhouette.height as usize);
+        self.n_pixels += (width * height) as u64;
+        if width < 3 || height < 3 {
+            return;
+        }
+        let Self { is_body, of_row, n, .. } = self;
+        is_body.clear();
+        is_body.extend(silhouette.confidence.iter().map(|it| u8::from(*it >= Silhouette::BODY)));
+        of_row.clear();
+        of_row.resize(is_body.len(), 0);
+        for (sum, three) in of_row[1..].iter_mut().zip(is_body.windows(3)) {
+            *sum = three[0] + three[1] + three[2];
+        }
+        for row in 1..height - 1 {
+            for at in row * width + 1..(row + 1) * width - 1 {
+                let own = is_body[at];
+                let others = of_row[at - width] + of_row[at] + of_row[at + width] - own;
+                // Of eight.
+                if own == 1 && others <= 1 {
+                    silhouette.confidence[at] = Silhouette::BODY - 1;
+                    *n += 1;
+                } else if own == 0 && others >= 7 {
+                    silhouette.confidence[at] = Silhouette::BODY;
+                    *n += 1;
+                }
+            }
+        }
+    }
+}
+
 /// Of the pixels on the picture's edge more are not body where a person is in it, as near as may be [–].
 const RIM: f64 = 0.9;
 
@@ -185,6 +249,7 @@ fn is_rim_body(silhouette: &Silhouette) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use foveate::estimation::random::Random;
     use foveate_testkit::check_node;
 
     use super::*;
@@ -220,6 +285,34 @@ mod tests {
         // Somebody so near that most of the picture and much of its edge is body.
         assert_eq!(told(&disc(11.5, 255), false), "");
         assert_eq!(told(&disc(6.0, 255), false), "");
+    }
+
+    #[test]
+    fn specks_are_taken_off_and_told_and_thin_limbs_stay() {
+        let mut random = Random::new(5);
+        let (width, height) = (80, 60);
+        // A body, an arm two pixels thin, and 3 % of all pixels turned over.
+        let is_body = |at: usize| {
+            let (x, y) = (at % width, at / width);
+            (20..40).contains(&x) && (10..50).contains(&y) || (40..70).contains(&x) && (20..22).contains(&y)
+        };
+        let clean: Vec<u8> = (0..width * height).map(|at| if is_body(at) { 255 } else { 0 }).collect();
+        let noisy: Vec<u8> = clean.iter().map(|it| if random.uniform() < 0.03 { 255 - it } else { *it }).collect();
+        let read = |pixels: &[u8], despeckle: bool| {
+            let settings = MasksSettings { despeckle, ..MasksSettings::default() };
+            let mut bench = NodeBench::<Masks>::new(settings).unwrap();
+            let image =
+                Image { width: width as u32, height: height as u32, pixels: pixels.to_vec(), ..Image::default() };
+            bench.feed(&IMAGE, Time::ZERO, image).unwrap();
+            let silhouette = bench.outputs(&SILHOUETTE)[0].value.clone();
+            let wrong = (0..width * height).filter(|&at| silhouette.is_body(at % width, at / width) != is_body(at));
+            (wrong.count(), bench.finish().unwrap().remarks.join(" "))
+        };
+        assert_eq!(read(&clean, true), (0, String::new()));
+        let (wrong, told) = read(&noisy, true);
+        let (before, untold) = read(&noisy, false);
+        assert!(before > 120 && wrong < before / 4, "{wrong} of {before} are left");
+        assert!(told.contains("were specks") && untold.is_empty(), "{told} {untold}");
     }
 
     fn one(settings: MasksSettings, pixels: &[u8], format: PixelFormat) -> Silhouette {

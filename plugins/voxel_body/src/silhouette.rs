@@ -161,6 +161,13 @@ impl Node for SilhouetteNode {
                 tally.dark, tally.brightest_dark
             ));
         }
+        let searched: u64 = tally.by_status.iter().sum();
+        if tally.relit as f64 > RELIT * searched as f64 {
+            report.remark(format!(
+                "{name}: in {} of {searched} pictures the light is another than in the background, by more than a tenth: automatic exposure or white balance, or a lamp? Silhouettes are worse then",
+                tally.relit
+            ));
+        }
         if count(SilhouetteStatus::Moved) > 0 {
             let n = count(SilhouetteStatus::Moved);
             report.remark(format!(
@@ -170,6 +177,9 @@ impl Node for SilhouetteNode {
         Ok(())
     }
 }
+
+/// Other light in this part of the pictures and more is said in words [–].
+const RELIT: f64 = 0.1;
 
 /// A picture without any pixel of this level shows nothing: dark current and noise make less [gray level].
 const DARK: u8 = 16;

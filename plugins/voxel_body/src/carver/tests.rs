@@ -421,6 +421,32 @@ fn a_volume_that_is_too_small_or_in_other_units_is_told_in_words() {
 }
 
 #[test]
+fn a_calibration_whose_z_is_not_up_and_pictures_that_cut_somebody_off_are_told() {
+    let whole = setup();
+    assert!(remarks(&whole, settings(), set(&whole, &[[0.1, 0.0]])).is_empty());
+    for (about, expected) in [
+        (Vector3::x() * std::f64::consts::PI, "upright where -z is up"),
+        (Vector3::x() * std::f64::consts::FRAC_PI_2, "upright where y is up"),
+    ] {
+        let mut turned = Calibration::clone(&whole.calibration);
+        let turn = nalgebra::UnitQuaternion::from_scaled_axis(about);
+        turned.cameras.iter_mut().for_each(|it| it.camera.camera_from_world.rotation *= turn);
+        let turned = Setup { calibration: Arc::new(turned), ..setup() };
+        check_remark(&remarks(&turned, settings(), set(&whole, &[[0.1, 0.0]])), expected);
+    }
+    // The camera's picture ends below the middle of the body.
+    let mut cut = set(&whole, &[[0.1, 0.0]]);
+    let rows = cut[2].confidence.iter().position(|it| *it > 0).unwrap() / 160 + 20;
+    cut[2].height = rows as u32;
+    cut[2].confidence.truncate(160 * rows);
+    cut[2].n_body = cut[2].confidence.iter().filter(|it| **it > 0).count() as u32;
+    let expected = "somebody reaches the edge of the pictures of ring-3 in 1 of 1 sets";
+    check_remark(&remarks(&whole, settings(), cut.clone()), expected);
+    let some = CarverSettings { min_views: 2, ..settings() };
+    assert!(!remarks(&whole, some, cut).iter().any(|it| it.contains("the edge of the pictures")));
+}
+
+#[test]
 fn where_several_views_may_err_what_is_said_stays_with_the_voxels_after_views_were_tried() {
     let setup = setup();
     let mut set = set(&setup, &[[0.1, 0.0]]);

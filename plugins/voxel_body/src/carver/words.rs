@@ -15,15 +15,28 @@ const APART: f64 = 0.04;
 const COARSE: f64 = 8.0;
 /// Cameras that are farther away than so many diagonals of the volume have other units, most likely.
 const FAR: f64 = 100.0;
+/// Somebody is cut off at a picture's edge where so many of its pixels are body, over the square root of all of the body's: a limb is as wide [–].
+const AT_EDGE: f64 = 0.1;
+/// That is said of cameras that do so in this part of the sets and more [–].
+const OFTEN: f64 = 0.1;
+/// Where the cameras' pictures stand upright is told by so many cameras and more, of which most agree: the length of the mean of their upward directions [–].
+const UPRIGHT_CAMERAS: usize = 3;
+const AGREE: f64 = 0.7;
+/// Cosine of the angle to z from which on they stand upright in another way than bodies do [–]: 45°.
+const OTHERWISE: f64 = 0.7;
 /// The ends of a volume that a body may reach: its floor is none.
 const ENDS: [&str; 5] = ["least x", "greatest x", "least y", "greatest y", "greatest z"];
 
 /// What is counted for words.
 #[derive(Default)]
 pub(super) struct Words {
+    /// Whether every camera has to see a voxel.
+    needs_all: bool,
     contradictions: BTreeMap<CameraId, Vec<Contradiction>>,
     /// Sets in which two cameras had the same silhouette, byte for byte.
     same: BTreeMap<[CameraId; 2], u64>,
+    /// Sets in which the camera's picture cuts somebody off.
+    at_edge: BTreeMap<CameraId, u64>,
     cut_off: [u64; 5],
     /// Most silhouettes in a set.
     most_views: usize,
@@ -38,6 +51,11 @@ pub(super) struct Words {
 }
 
 impl Words {
+    /// `needs_all`: every camera has to see a voxel.
+    pub(super) fn new(needs_all: bool) -> Self {
+        Self { needs_all, ..Self::default() }
+    }
+
     pub(super) fn hear(&mut self, silhouettes: &[&Silhouette], contradictions: &[Contradiction]) {
         self.n_sets += 1;
         self.most_views = self.most_views.max(silhouettes.len());
@@ -46,6 +64,9 @@ impl Words {
         }
         let has_body = |it: &Silhouette| it.n_body > 0 && it.status != SilhouetteStatus::Full;
         for (at, a) in silhouettes.iter().enumerate().filter(|it| has_body(it.1)) {
+            if self.needs_all && f64::from(n_at_edge(a)) > AT_EDGE * f64::from(a.n_body).sqrt() {
+                *self.at_edge.entry(a.camera).or_default() += 1;
+            }
             let same = |b: &&&Silhouette| b.n_body == a.n_body && b.width == a.width && b.confidence == a.confidence;
             for b in silhouettes[at + 1..].iter().filter(same) {
                 *self.same.entry([a.camera, b.camera]).or_default() += 1;
@@ -98,6 +119,16 @@ impl Words {
             let (a, b) = (name(a), name(b));
             report.remark(format!(
                 "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: one folder given for two cameras?",
+                self.n_sets
+            ));
+        }
+        self.upright(setup).into_iter().for_each(|it| report.remark(it));
+        let often = self.at_edge.iter().filter(|it| *it.1 as f64 >= OFTEN * self.n_sets as f64);
+        let often: Vec<String> = often.map(|(camera, n)| format!("{} in {n}", name(camera))).collect();
+        if !often.is_empty() {
+            report.remark(format!(
+                "somebody reaches the edge of the pictures of {} of {} sets: what is outside a picture is carved away (unless `min_views` says how many cameras need to see it)",
+                often.join(", "),
                 self.n_sets
             ));
         }
@@ -158,6 +189,27 @@ impl Words {
         }
     }
 
+    /// Where the cameras stand upright with another axis up than z.
+    fn upright(&self, setup: &Setup) -> Option<String> {
+        let cameras = &setup.calibration.cameras;
+        let up = cameras.iter().map(|it| it.camera.camera_from_world.rotation.inverse() * -Vector3::y());
+        let mean = up.sum::<Vector3<f64>>() / cameras.len().max(1) as f64;
+        if cameras.len() < UPRIGHT_CAMERAS || mean.norm() < AGREE || mean.normalize().z > OTHERWISE {
+            return None;
+        }
+        let axis = mean.iamax();
+        let sign = if mean[axis] < 0.0 { "-" } else { "" };
+        let what = if mean.normalize().z < -OTHERWISE {
+            "people are looked for upside down"
+        } else {
+            "people are taken for lying ones"
+        };
+        Some(format!(
+            "the cameras' pictures are upright where {sign}{} is up, and z is expected to be: {what}, and shadows are not told by their height; turn the calibration (`foveate calibrate`: its vertical)",
+            ["x", "y", "z"][axis]
+        ))
+    }
+
     fn why_nothing(&self, setup: &Setup, volume: &Volume) -> String {
         self.distances(setup, volume).unwrap_or_else(|| {
             "is the body in the volume (`volume_m`), and does each camera have its own pictures and pose (world to camera, not camera to world)?".to_owned()
@@ -176,6 +228,17 @@ impl Words {
             )
         })
     }
+}
+
+/// Pixels of the body on the picture's edge.
+fn n_at_edge(silhouette: &Silhouette) -> u32 {
+    let (width, height) = (silhouette.width as usize, silhouette.height as usize);
+    if width == 0 || height == 0 {
+        return 0;
+    }
+    let rows = [0, height - 1].into_iter().flat_map(|y| (0..width).map(move |x| (x, y)));
+    let columns = [0, width - 1].into_iter().flat_map(|x| (0..height).map(move |y| (x, y)));
+    rows.chain(columns).filter(|(x, y)| silhouette.is_body(*x, *y)).count() as u32
 }
 
 /// Of one camera.
