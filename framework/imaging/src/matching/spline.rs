@@ -121,6 +121,8 @@ impl SplineImage {
         let side = 2 * reach + 1;
         let reach = reach as f32;
         let width = self.width as i32;
+        // Four-byte floats may end up a little before the first row and column that have all their neighbours.
+        let least = whole.map(|it| (f64::from(BEFORE) - it) as f32);
         let mut places = [(0i32, 0.0f32, 0.0f32); MAX_SIDE];
         for (j, row) in out.chunks_exact_mut(side).enumerate() {
             let v = j as f32 - reach;
@@ -130,7 +132,7 @@ impl SplineImage {
                 let places = &mut places[..values.len()];
                 for (i, place) in places.iter_mut().enumerate() {
                     let i = (part * MAX_SIDE + i) as f32;
-                    let ((column, fx), (line, fy)) = (parted(x + a * i), parted(y + c * i));
+                    let ((column, fx), (line, fy)) = (parted(x + a * i, least[0]), parted(y + c * i, least[1]));
                     *place = (line * width + column, fx, fy);
                 }
                 for (value, (offset, fx, fy)) in values.iter_mut().zip(places) {
@@ -198,11 +200,12 @@ impl SplineImage {
     }
 }
 
-/// Whole part, rounded down, and fraction of what is less than 2²² either way: added to 1.5 · 2²³ a number leaves its whole part in the last bits.
+/// Whole part, rounded down but to no less than `least`, a whole number, and the rest of what is less than 2²² either way: added to 1.5 · 2²³ a number leaves its whole part in the last bits.
 #[inline(always)]
-fn parted(x: f32) -> (i32, f32) {
+fn parted(x: f32, least: f32) -> (i32, f32) {
     const SHIFT: f32 = 12_582_912.0;
-    let shifted = (x - 0.5) + SHIFT;
+    let (shifted, least) = ((x - 0.5) + SHIFT, least + SHIFT);
+    let shifted = if shifted > least { shifted } else { least };
     (shifted.to_bits() as i32 - SHIFT.to_bits() as i32, x - (shifted - SHIFT))
 }
 
@@ -301,10 +304,36 @@ mod tests {
     #[test]
     fn numbers_are_parted_below() {
         for x in [-7.25f32, -1.0, -0.01, 0.0, 0.49, 0.5, 0.99, 1.0, 31.75] {
-            let (whole, fraction) = parted(x);
+            let (whole, fraction) = parted(x, -8.0);
             // A whole number may come out as the one below it and a fraction of 1: the spline is the same.
             assert!((0.0..=1.0).contains(&fraction), "{x}: {whole} {fraction}");
             assert!((whole as f32 + fraction - x).abs() < 1e-6, "{x}: {whole} {fraction}");
+        }
+        assert_eq!(parted(1.0, 1.0), (1, 0.0));
+        assert_eq!(parted(0.875, 1.0), (1, -0.125));
+    }
+
+    #[test]
+    fn patches_that_just_lie_on_the_picture_have_all_their_pixels() {
+        let (width, height, reach) = (60, 50, 6);
+        let pixels = noise(width, height);
+        let spline = SplineImage::of(&ImageView::new(&pixels, width, height).unwrap());
+        let (mut values, mut moved) = ([0.0; 13 * 13], [0.0; 13 * 13]);
+        for step in 0..400 {
+            // Warps that end at the first row or column that has a neighbour, exactly or as nearly as numbers go.
+            let (turn, scale) = (0.01 * f64::from(step % 20), 0.8 + 0.021 * f64::from(step / 20));
+            let (sine, cosine) = turn.sin_cos();
+            let matrix = [[scale * cosine, -scale * sine], [scale * sine, scale * cosine]];
+            let by = reach as f64 * scale * (sine + cosine);
+            for (at, inwards) in [([30.3, 1.0 + by], [0.0, 1e-4]), ([1.0 + by, 24.6], [1e-4, 0.0])] {
+                let warp = Warp { at, matrix };
+                let further = Warp { at: [at[0] + inwards[0], at[1] + inwards[1]], matrix };
+                if spline.sample(&warp, reach, 0.0, &mut values) {
+                    assert!(spline.sample(&further, reach, 0.0, &mut moved));
+                    let apart = values.iter().zip(&moved).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                    assert!(apart < 0.1, "{step}: {apart} gray levels in 0.0001 px");
+                }
+            }
         }
     }
 
