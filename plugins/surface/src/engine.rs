@@ -7,6 +7,7 @@ use foveate::imaging::matching::Warp;
 use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
 
+use crate::bent::{Straight, straightened};
 use crate::cover::{Covered, LeftOut, cover, pieces, remove};
 use crate::in_step::{InStep, OFF_LINES};
 use crate::measure::{Measurer, Sample, plane_warp};
@@ -162,8 +163,13 @@ impl Engine {
         found
     }
 
-    /// As a message, colours from the reference's picture.
-    pub fn cloud(&self, moment: &Moment, surface: &[Covered], name: String) -> PointCloud {
+    /// Where points lie with the bending of the surface taken off, by which patches that are matched as flat ones are off.
+    pub fn straightened(&self, samples: &[&Sample]) -> Vec<Straight> {
+        straightened(&self.prepared.views, samples, &self.prepared.measure)
+    }
+
+    /// As a message, colours from the reference's picture; `places` of the points, see [`Engine::straightened`].
+    pub fn cloud(&self, moment: &Moment, surface: &[Covered], places: &[Straight], name: String) -> PointCloud {
         let view = &self.prepared.views[self.prepared.reference];
         let mut cloud = PointCloud {
             time: moment.time,
@@ -174,13 +180,13 @@ impl Engine {
             ..PointCloud::default()
         };
         let picture = moment.pictures[self.prepared.reference].as_ref();
-        for it in surface {
+        for (it, (position, covariance)) in surface.iter().zip(places) {
             let [x, y] = it.sample.pixel;
             let level =
                 picture.and_then(|it| it.finest().at(x, y)).map_or(255, |it| it.round().clamp(0.0, 255.0) as u8);
             cloud.push(&CloudPoint {
-                position: it.sample.position.cast(),
-                covariance: (it.sample.covariance * self.widened()).cast(),
+                position: position.cast(),
+                covariance: (covariance * self.widened()).cast(),
                 normal: it.normal.cast(),
                 confidence: it.confidence as f32,
                 pixel: [x.round() as u16, y.round() as u16],

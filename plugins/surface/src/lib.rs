@@ -10,7 +10,8 @@
 //! | [`surface.body`](body) | fits a body of metaballs on a skeleton to tracked points |
 //! | [`surface.pictures`](pictures) | draws trajectories and the vector field |
 
-pub mod body;
+pub mod bent;
+mod body;
 pub mod calibrator;
 pub mod cover;
 pub mod cylinder;

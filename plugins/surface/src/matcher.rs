@@ -3,6 +3,7 @@
 use foveate::prelude::*;
 
 use crate::engine::Engine;
+use crate::measure::{Sample, sigma};
 use crate::settings::SurfaceSettings;
 use crate::views::Moment;
 
@@ -73,10 +74,12 @@ impl Node for Matcher {
             io.gap(&CLOUD, time, why);
             return Ok(());
         }
+        let samples: Vec<&Sample> = surface.iter().map(|it| &it.sample).collect();
+        let places = self.engine.straightened(&samples);
         self.points += surface.len() as u64;
-        self.sigmas += self.engine.widened().sqrt() * surface.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        self.sigmas += self.engine.widened().sqrt() * places.iter().map(|it| sigma(&it.1)).sum::<f64>();
         self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
-        io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, &surface, String::new()));
+        io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, &surface, &places, String::new()));
         Ok(())
     }
 

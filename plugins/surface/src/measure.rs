@@ -268,7 +268,7 @@ impl Measurer {
 }
 
 /// Where lines of sight meet, how well that is known, and how far from meeting they are [px].
-fn meet(
+pub(crate) fn meet(
     views: &[View],
     reference: usize,
     pixel: [f64; 2],
@@ -358,8 +358,13 @@ impl Sample {
         Some(meet(views, first.view, first.warp.at, &left, sigma_px)?.2)
     }
 
-    /// Standard deviation of the position: the root of the mean variance over the three axes [m].
+    /// See [`sigma`] [m].
     pub fn sigma(&self) -> f64 {
-        (self.covariance.trace() / 3.0).max(0.0).sqrt()
+        sigma(&self.covariance)
     }
+}
+
+/// Standard deviation of a position: the root of the mean variance over the three axes [m].
+pub fn sigma(covariance: &Matrix3<f64>) -> f64 {
+    (covariance.trace() / 3.0).max(0.0).sqrt()
 }

@@ -12,12 +12,14 @@ use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::bent::Straight;
+use crate::cover::Covered;
 use crate::engine::Engine;
 use crate::filters::{FilterOptions, filter};
 use crate::guide::Guide;
 use crate::lost::{LostTrack, Search};
 use crate::matcher::{coverage, missing, tell};
-use crate::measure::{MeasureOptions, Sample};
+use crate::measure::{MeasureOptions, Sample, sigma};
 use crate::path::{CreepOptions, Moments, crept};
 use crate::settings::{Prepared, SurfaceSettings};
 use crate::tracks::{Neighbourhood, Stepper, Track, TrackOptions};
@@ -312,15 +314,19 @@ impl Node for Tracker {
         self.without = 0;
         self.steps.extend(step);
         let widened = self.engine.widened();
-        tracked.list.iter_mut().for_each(|it| it.covariance *= widened);
+        let samples: Vec<&Sample> = self.state.tracks.iter().map(|it| &it.sample).collect();
+        let places = self.engine.straightened(&samples);
+        for (point, (position, covariance)) in tracked.list.iter_mut().zip(&places) {
+            (point.position, point.covariance) = (*position, covariance * widened);
+        }
         let spacing = self.engine.prepared.cover.spacing_px;
         let cells: BTreeSet<[usize; 2]> =
             self.state.tracks.iter().map(|it| crate::cover::cell_of(it.sample.pixel, spacing)).collect();
         self.coverages.extend(coverage(cells.iter().copied()));
         self.state.counts.points += tracked.list.len() as u64;
-        self.state.counts.sigmas += widened.sqrt() * self.state.tracks.iter().map(|it| it.sample.sigma()).sum::<f64>();
+        self.state.counts.sigmas += widened.sqrt() * places.iter().map(|it| sigma(&it.1)).sum::<f64>();
         io.emit_at(&TRACKED, time, tracked);
-        io.emit_at(&CLOUD, time, self.cloud());
+        io.emit_at(&CLOUD, time, self.cloud(&places));
         Ok(())
     }
 
@@ -511,23 +517,24 @@ impl Tracker {
         before.iter().zip(kept).filter(|it| !it.1).map(|it| it.0.id).collect()
     }
 
-    fn cloud(&self) -> PointCloud {
+    /// The followed points, which lie at `places`, row by row as the reference sees them.
+    fn cloud(&self, places: &[Straight]) -> PointCloud {
         let spacing = self.engine.prepared.cover.spacing_px;
-        let mut surface: Vec<crate::cover::Covered> = self
-            .state
-            .tracks
-            .iter()
-            .map(|it| crate::cover::Covered {
-                cell: crate::cover::cell_of(it.sample.pixel, spacing),
-                sample: it.sample.clone(),
-                normal: it.normal,
-                confidence: 1.0,
-                seed: None,
-            })
-            .collect();
-        let place = |it: &crate::cover::Covered| it.sample.pixel.map(|it| it.round() as i64);
-        surface.sort_by_key(|it| (place(it)[1], place(it)[0]));
-        self.engine.cloud(&self.moments[0], &surface, String::new())
+        let covered = |it: &Track| Covered {
+            cell: crate::cover::cell_of(it.sample.pixel, spacing),
+            sample: it.sample.clone(),
+            normal: it.normal,
+            confidence: 1.0,
+            seed: None,
+        };
+        let mut points: Vec<(Covered, Straight)> =
+            self.state.tracks.iter().map(covered).zip(places.iter().copied()).collect();
+        points.sort_by_key(|(it, _)| {
+            let [x, y] = it.sample.pixel.map(|it| it.round() as i64);
+            [y, x]
+        });
+        let (surface, places): (Vec<Covered>, Vec<Straight>) = points.into_iter().unzip();
+        self.engine.cloud(&self.moments[0], &surface, &places, String::new())
     }
 }
 
