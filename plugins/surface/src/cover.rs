@@ -56,6 +56,8 @@ pub struct LeftOut {
     pub piece: u64,
     /// In a piece of surface whose patches look the same at another depth.
     pub repeats: u64,
+    /// In a piece of surface that some cameras see at another depth than others.
+    pub contradicted: u64,
 }
 
 /// A sample on its way through the growth.

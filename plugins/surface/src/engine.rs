@@ -36,6 +36,9 @@ pub struct Engine {
     repeats: Repeats,
     /// By piece of surface that looks as good elsewhere: how far off [m].
     elsewhere_m: Vec<f64>,
+    /// By piece of surface of which cameras contradict each other: how far [m]; and of the last moment how many points.
+    contradicted_m: Vec<f64>,
+    contradicted: usize,
     in_step: InStep,
 }
 
@@ -66,6 +69,8 @@ impl Engine {
             given: (0, 0),
             repeats: Repeats::default(),
             elsewhere_m: Vec::new(),
+            contradicted_m: Vec::new(),
+            contradicted: 0,
             in_step: InStep::default(),
         }
     }
@@ -83,6 +88,13 @@ impl Engine {
     pub fn give<'a>(&mut self, points: impl Iterator<Item = (&'a Sample, &'a Vector3<f64>)> + Clone) -> Option<String> {
         let misfits = self.misfits();
         let samples: Vec<&Sample> = points.clone().map(|it| it.0).collect();
+        if self.contradicted > samples.len() {
+            return Some(format!(
+                "some cameras see {} points at another depth than others do, and only {} points are left",
+                self.contradicted,
+                samples.len()
+            ));
+        }
         let Prepared { views, measure, .. } = &self.prepared;
         let why = self.in_step.judge(views, &samples, measure, [self.measurer.measured as f64, misfits]);
         if why.is_none() {
@@ -143,6 +155,7 @@ impl Engine {
     /// lie at another depth.
     pub fn grow(&mut self, moment: &Moment, seeds: &[Sample], are_known: bool) -> Vec<Covered> {
         let Prepared { views, reference, measure, cover: options, .. } = &self.prepared;
+        self.contradicted = 0;
         let (mut found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
         self.left_out.alone += left_out.alone;
         self.left_out.disordered += left_out.disordered;
@@ -153,12 +166,18 @@ impl Engine {
                 continue;
             }
             let distance_m = self.prepared.seeds.distance_m;
-            if let Some(off) = self.repeats.doubt(views, moment, &found, &piece, measure, distance_m) {
-                self.elsewhere_m.push(off);
+            if let Some(doubt) = self.repeats.doubt(views, moment, &found, &piece, measure, distance_m) {
+                let (offs, count) = if doubt.is_contradicted {
+                    self.contradicted += piece.len();
+                    (&mut self.contradicted_m, &mut self.left_out.contradicted)
+                } else {
+                    (&mut self.elsewhere_m, &mut self.left_out.repeats)
+                };
+                offs.push(doubt.off_m);
+                *count += piece.len() as u64;
                 out.extend(piece);
             }
         }
-        self.left_out.repeats += out.len() as u64;
         remove(&mut found, &out);
         found
     }
@@ -206,6 +225,16 @@ impl Engine {
         report.figure("surface.refused.disordered", self.left_out.disordered as f64);
         report.figure("surface.refused.piece", self.left_out.piece as f64);
         report.figure("surface.refused.repeats", self.left_out.repeats as f64);
+        report.figure("surface.refused.contradicted", self.left_out.contradicted as f64);
+        if let Some(off) = foveate::estimation::statistics::median(&self.contradicted_m) {
+            report.remark(format!(
+                "{} points of {} pieces of surface were left out: some cameras see them {:.1} mm nearer or farther than others do: one was moved since it was calibrated, or its calibration is wrong, or it is \
+                 out of step",
+                self.left_out.contradicted,
+                self.contradicted_m.len(),
+                1e3 * off
+            ));
+        }
         let off = foveate::estimation::statistics::median(&self.elsewhere_m).unwrap_or(0.0);
         if !self.elsewhere_m.is_empty() {
             report.remark(format!(
@@ -246,6 +275,7 @@ impl Engine {
             && self.begun > 0
             && self.given.0 == 0
             && self.elsewhere_m.is_empty()
+            && self.contradicted_m.is_empty()
             && self.in_step.n_left_out() == 0
         {
             report.remark(self.why_nothing());

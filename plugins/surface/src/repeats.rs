@@ -57,12 +57,21 @@ struct Peak {
 enum Verdict {
     /// It looks clearly best where it is.
     Here,
-    /// It looks as good so far off, along the line of sight [m].
-    Elsewhere(f64),
+    /// It looks as good so far off, along the line of sight [m]; whether views say so that do not see it here, and none that does.
+    Elsewhere(f64, bool),
+}
+
+/// Why a piece of surface is not to be believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Elsewhere {
+    /// Its patches look as good so far off, along their lines of sight, the median over them [m].
+    pub off_m: f64,
+    /// Whether it is other views that see them there: no texture that repeats, but cameras that contradict each other.
+    pub is_contradicted: bool,
 }
 
 impl Repeats {
-    /// Whether a piece, given as some of the points of `surface`, looks as good elsewhere: how far off, the median over its patches [m].
+    /// Whether a piece, given as some of the points of `surface`, looks as good elsewhere.
     pub fn doubt(
         &mut self,
         views: &[View],
@@ -71,22 +80,21 @@ impl Repeats {
         piece: &[usize],
         measure: &MeasureOptions,
         distance_m: [f64; 2],
-    ) -> Option<f64> {
+    ) -> Option<Elsewhere> {
         let mut piece = piece.to_vec();
         piece.sort_unstable();
         let n = (piece.len() / PART).clamp(LEAST, MOST).min(piece.len());
         let asked = (0..n).map(|it| &surface[piece[(2 * it + 1) * piece.len() / (2 * n)]].sample);
         let verdicts: Vec<Verdict> = asked.filter_map(|it| self.ask(views, moment, it, measure, distance_m)).collect();
-        let mut off: Vec<f64> = verdicts
-            .iter()
-            .filter_map(|it| match it {
-                Verdict::Here => None,
-                Verdict::Elsewhere(off) => Some(*off),
-            })
-            .collect();
-        off.sort_by(f64::total_cmp);
-        let is_doubtful = off.len() as f64 > DOUBTFUL * verdicts.len() as f64;
-        is_doubtful.then(|| off[off.len() / 2])
+        let elsewhere = |it: &Verdict| match it {
+            Verdict::Here => None,
+            Verdict::Elsewhere(off, by_others) => Some((*off, *by_others)),
+        };
+        let mut found: Vec<(f64, bool)> = verdicts.iter().filter_map(elsewhere).collect();
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let by_others = found.iter().filter(|it| it.1).count();
+        let is_doubtful = found.len() as f64 > DOUBTFUL * verdicts.len() as f64;
+        is_doubtful.then(|| Elsewhere { off_m: found[found.len() / 2].0, is_contradicted: 2 * by_others > found.len() })
     }
 
     fn ask(
@@ -133,15 +141,16 @@ impl Repeats {
             let said = views.iter().enumerate().filter_map(|(view, to)| {
                 let there = to.camera.project(&ray.at(depth))?;
                 let near = peaks.iter().filter(|it| it.view == view && apart(it.at, [there.x, there.y]) < SAME_PX);
-                near.map(|it| it.correlation).max_by(f64::total_cmp)
+                near.map(|it| it.correlation).max_by(f64::total_cmp).map(|it| (view, it))
             });
-            let said: Vec<f64> = said.collect();
-            let other = said.iter().map(|it| 1.0 - it).sum::<f64>() / said.len() as f64;
+            let said: Vec<(usize, f64)> = said.collect();
+            let other = said.iter().map(|it| 1.0 - it.1).sum::<f64>() / said.len() as f64;
             let is_as_good =
                 said.len() > sample.seen.len() || (said.len() == sample.seen.len() && own > CLEARLY * other);
             if is_as_good && other < least {
                 least = other;
-                verdict = Verdict::Elsewhere((depth - ray.depth_of(&sample.position)).abs());
+                let by_others = said.iter().all(|it| sample.seen.iter().all(|seen| seen.view != it.0));
+                verdict = Verdict::Elsewhere((depth - ray.depth_of(&sample.position)).abs(), by_others);
             }
         }
         Some(verdict)

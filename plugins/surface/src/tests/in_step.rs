@@ -84,6 +84,16 @@ fn three(cameras: &[Camera], change: impl Fn(usize, usize) -> (usize, f64)) -> V
     (0..3).map(one).collect()
 }
 
+/// With the third camera's pictures shifted along the base.
+fn shifted(mut moments: Vec<Vec<Image>>, by: usize) -> Vec<Vec<Image>> {
+    for picture in moments.iter_mut().map(|it| &mut it[2]) {
+        let width = picture.width as usize;
+        let row = |row: &[u8]| [&row[..by], &row[..width - by]].concat();
+        picture.pixels = picture.pixels.chunks(width).flat_map(row).collect();
+    }
+    moments
+}
+
 fn reference() -> tracker::TrackerSettings {
     tracker::TrackerSettings { surface: SurfaceSettings { reference: "cam-1".into(), ..settings() }, ..tracking() }
 }
@@ -95,11 +105,7 @@ fn three_cameras_that_contradict_each_other_from_the_first_moment_on_are_told_an
     assert!(!report.remarks.iter().any(|it| it.contains("contradict")), "{:?}", report.remarks);
     let sigma_mm = report.figures["surface.sigma_mm"];
     // One sees pictures that are shifted by two pixels along the base; one is half a picture late.
-    let mut shifted = three(&cameras, |_, id| (id, 0.0));
-    for picture in shifted.iter_mut().map(|it| &mut it[2]) {
-        let width = picture.width as usize;
-        picture.pixels = picture.pixels.chunks(width).flat_map(|row| [&row[..2], &row[..width - 2]].concat()).collect();
-    }
+    let shifted = shifted(three(&cameras, |_, id| (id, 0.0)), 2);
     let late = three(&cameras, |_, id| (id, if id == 2 { 0.5 } else { 0.0 }));
     for (what, moments) in [("shifted", shifted), ("late", late)] {
         let (surfaces, report) = tracked(&moments, &cameras, reference());
@@ -118,4 +124,16 @@ fn pictures_of_exchanged_cameras_give_nothing() {
     let (surfaces, report) = tracked(&three(&cameras, |_, id| ([1, 0, 2][id], 0.0)), &cameras, reference());
     let n: usize = surfaces.iter().map(|it| it.list.len()).sum();
     assert_eq!(n, 0, "{:?} {:?}", report.remarks, report.figures);
+}
+
+/// Six pixels along the base: no three lines of sight meet, any two do.
+#[test]
+fn a_camera_that_sees_all_at_another_depth_is_no_texture_that_repeats() {
+    let cameras = cameras(3);
+    let moments = shifted(three(&cameras, |_, id| (id, 0.0)), 6);
+    let (surfaces, report) = tracked(&moments, &cameras, reference());
+    let n: usize = surfaces.iter().map(|it| it.list.len()).sum();
+    let said = |text: &str| report.remarks.iter().any(|it| it.contains(text));
+    assert_eq!(n, 0, "{:?} {:?}", report.remarks, report.figures);
+    assert!(said("nearer or farther than others do") && !said("the texture repeats"), "{:?}", report.remarks);
 }
