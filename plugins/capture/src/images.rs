@@ -125,7 +125,12 @@ impl Sequence {
             let found = [image.width, image.height];
             match self.size.filter(|it| *it != found) {
                 Some([columns, rows]) => {
-                    Err(format!("has fields of {} x {} px, expected {columns} x {rows} px", found[0], found[1]))
+                    let hint = if found == [columns, rows.div_ceil(2)] {
+                        ": a calibration of whole frames? One of fields has half the height, half of the focal length and principal point downwards"
+                    } else {
+                        ""
+                    };
+                    Err(format!("has fields of {} x {} px, expected {columns} x {rows} px{hint}", found[0], found[1]))
                 }
                 None => Ok(()),
             }

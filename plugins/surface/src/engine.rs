@@ -132,6 +132,7 @@ impl Engine {
             self.seeds.ambiguous += counts.ambiguous;
             self.seeds.even += counts.even;
             self.seeds.unlike += counts.unlike;
+            self.seeds.refused += counts.refused;
             self.seeds.found += counts.found;
             return found;
         }
@@ -296,7 +297,7 @@ impl Engine {
 
     /// Why no point was given out, as what became of the seeds says it.
     fn why_nothing(&self) -> String {
-        let SeedCounts { tried, ambiguous, even, unlike, found } = self.seeds;
+        let SeedCounts { tried, ambiguous, even, unlike, refused, found } = self.seeds;
         let nothing = match found {
             0 => "no seed was found".to_owned(),
             _ => format!("no surface grew from {found} seeds"),
@@ -309,6 +310,14 @@ impl Engine {
             "{nothing}: of {tried} textured patches that were looked for along their epipolar lines {ambiguous} have a second place that is as good, {even} look alike all along them, and {unlike} like \
              nothing there;"
         );
+        // Of points that were tried from seeds, too; without points there are few.
+        let most = self.measurer.refused.iter().max_by_key(|it| it.1).map_or("", |it| it.0).replace('_', " ");
+        if refused > ambiguous.max(even).max(unlike) {
+            return format!(
+                "{looked} {refused} were found there coarsely and refused when they were matched finely, most often for \u{201c}{most}\u{201d} (`surface.refused.*`): expected pictures of all cameras as sharp and as \
+                 clear as each other, and a calibration that is theirs"
+            );
+        }
         if 2 * ambiguous > tried {
             format!("{looked} the texture repeats: expected one that does not, or `seeds` that somebody saw")
         } else if even > ambiguous.max(unlike) {

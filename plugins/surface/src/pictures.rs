@@ -108,7 +108,7 @@ impl Node for Pictures {
         report.figure("trajectories.drawn", drawn.len() as f64);
         let Some(folder) = &self.out_dir else { return Ok(()) };
         let files = [
-            ("trajectories.svg", both("Trajectories of a surface", |axes| trajectories(&drawn, axes))),
+            ("trajectories.svg", trajectories(&drawn)),
             (
                 "vector_field.svg",
                 both(&format!("Steps of a surface at the last moment, {} times as long", self.factor()), |axes| {
@@ -134,27 +134,45 @@ fn both<'a>(title: &str, chart: impl Fn(Axes) -> Chart<'a>) -> String {
     Figure { title: title.to_owned(), n_columns: 2, charts }.svg()
 }
 
-fn trajectories<'a>(paths: &[&Vec<Point3<f64>>], [(x, across), (y, up)]: Axes) -> Chart<'a> {
-    let line = |path: &&Vec<Point3<f64>>| path.iter().map(|it| [1e3 * it[x], 1e3 * it[y]]).collect();
-    let pieces = paths.iter().map(line).collect();
-    let ends = paths.iter().filter_map(|it| it.last()).map(|it| [1e3 * it[x], 1e3 * it[y]]).collect();
-    Chart::new("", SIZE, Axis::new(across), Axis::new(up))
-        .equal()
-        .if_empty("no point was tracked")
-        .with(Series { name: String::new(), marks: Drawn::Line, pen: Pen::new(COLOURS[0], 0.9), pieces })
-        .with(Series::dots(String::new(), COLOURS[0], ends))
+/// Paths, drawn longer than they are where they would be no more than dots.
+fn trajectories(paths: &[&Vec<Point3<f64>>]) -> String {
+    let starts: Vec<&Point3<f64>> = paths.iter().filter_map(|it| it.first()).collect();
+    let way = |path: &Vec<Point3<f64>>| path.iter().map(|it| (it - path[0]).norm()).fold(0.0, f64::max);
+    let longest = paths.iter().map(|it| way(it)).fold(0.0, f64::max);
+    let factor = round_factor(LONGEST * extent(&starts) / longest).max(1.0);
+    let title = match factor {
+        1.0 => "Trajectories of a surface".to_owned(),
+        _ => format!("Trajectories of a surface, {factor} times as long"),
+    };
+    let drawn: Vec<Vec<Point3<f64>>> =
+        paths.iter().map(|path| path.iter().map(|it| path[0] + (it - path[0]) * factor).collect()).collect();
+    both(&title, |[(x, across), (y, up)]| {
+        let place = |it: &Point3<f64>| [1e3 * it[x], 1e3 * it[y]];
+        let pieces = drawn.iter().map(|path| path.iter().map(place).collect()).collect();
+        let ends = drawn.iter().filter_map(|it| it.last()).map(place).collect();
+        Chart::new("", SIZE, Axis::new(across), Axis::new(up))
+            .equal()
+            .if_empty("no point was tracked")
+            .with(Series { name: String::new(), marks: Drawn::Line, pen: Pen::new(COLOURS[0], 0.9), pieces })
+            .with(Series::dots(String::new(), COLOURS[0], ends))
+    })
+}
+
+/// The longest side of a box around places [m].
+fn extent(places: &[&Point3<f64>]) -> f64 {
+    let along = |axis: usize| {
+        let all = || places.iter().map(|it| it[axis]);
+        all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
+    };
+    along(0).max(along(1)).max(along(2))
 }
 
 impl Pictures {
     /// How much longer than steps arrows are [–].
     fn factor(&self) -> f64 {
-        let extent = |axis: usize| {
-            let all = || self.last.iter().map(|it| it.0[axis]);
-            all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
-        };
+        let places: Vec<&Point3<f64>> = self.last.iter().map(|it| &it.0).collect();
         let longest = self.last.iter().map(|it| it.1.norm()).fold(0.0, f64::max) * self.last_step_s;
-        let room = LONGEST * extent(0).max(extent(1)).max(extent(2));
-        round_factor(room / longest)
+        round_factor(LONGEST * extent(&places) / longest)
     }
 
     fn field<'a>(&self, [(x, across), (y, up)]: Axes) -> Chart<'a> {

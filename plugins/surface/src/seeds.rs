@@ -37,6 +37,8 @@ pub struct SeedCounts {
     pub even: u64,
     /// That look like nothing on it.
     pub unlike: u64,
+    /// That were seen there coarsely, and refused when they were matched finely.
+    pub refused: u64,
     /// Points in the end.
     pub found: u64,
 }
@@ -103,9 +105,12 @@ pub fn find_seeds(
                 matching: MatchOptions { max_shift_px: 2.0 * factor, ..measure.matching },
                 ..measure.clone()
             };
-            if let Ok(sample) = measurer.measure(views, moment, reference, pixel, &found, &start) {
-                counts.found += 1;
-                seeds.push(sample);
+            match measurer.measure(views, moment, reference, pixel, &found, &start) {
+                Ok(sample) => {
+                    counts.found += 1;
+                    seeds.push(sample);
+                }
+                Err(_) => counts.refused += 1,
             }
         }
     }
