@@ -10,24 +10,29 @@ use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2};
 use crate::measure::{MeasureOptions, Sample, Seen, meet};
 use crate::views::View;
 
-/// Points around are taken within so many widths of the patch [–]: over one width the bending of what is averaged is known well enough.
-const AROUND: f64 = 1.0;
-/// Points on all sides that are asked for: an ellipse has six numbers.
-const LEAST: usize = 16;
+/// Points around are taken within so many widths of the patch, a little more than it covers itself, or of the grid's squares, which makes 37 of them: whichever is more [–].
+const AROUND: f64 = 0.8;
+const AROUND_GRID: f64 = 3.3;
+/// So many points around are asked for: a parabola in two directions has six numbers.
+const LEAST: usize = 12;
 /// Matches of the points around that are off by more than this part of their distance from the middle, and so many pixels, lie on another surface [–].
 const OFF: f64 = 0.5;
 const OFF_PX: f64 = 0.5;
-/// Matches that are off a parabola by so many standard deviations bend in another way [–]; no match is better than this many pixels.
+/// Matches that are off a parabola by so many standard deviations, and by as much as it bends, lie on an edge [–]; no match is better than this many pixels.
 const UNLIKE: f64 = 3.0;
 const LEAST_SIGMA_PX: f64 = 0.02;
+/// Patches that overlap err together, so that more points do not tell more: of the variance of a match, this much is what is taken off uncertain by at least [–].
+const LEAST_SCATTER: f64 = 0.2;
+/// Points around that lie on one side: how far their middle is off, over how far they reach, that makes them doubtful [–]. Of half a disc it is 0.42.
+const ONE_SIDED: f64 = 0.6;
 
 /// Where a point lies once the bending of the surface is taken off, and how well that is known [m, m²].
 pub type Straight = (Point3<f64>, Matrix3<f64>);
 
 /// Of each sample, its place with the bending of the surface around it taken off. Samples that have too few others around are as they were measured.
-pub fn straightened(views: &[View], samples: &[&Sample], options: &MeasureOptions) -> Vec<Straight> {
+pub fn straightened(views: &[View], samples: &[&Sample], options: &MeasureOptions, spacing_px: usize) -> Vec<Straight> {
     let width = (2 * options.reach + 1) as f64;
-    let around = AROUND * width;
+    let around = (AROUND * width).max(AROUND_GRID * spacing_px as f64);
     let cell = |at: [f64; 2]| at.map(|it| (it / around).floor() as i32);
     let mut cells: HashMap<[i32; 2], Vec<usize>> = HashMap::new();
     for (index, it) in samples.iter().enumerate() {
@@ -41,7 +46,7 @@ pub fn straightened(views: &[View], samples: &[&Sample], options: &MeasureOption
             let listed = cells.get(&place).into_iter().flatten().map(|it| samples[*it]);
             near.extend(listed.filter(|it| it.reference == sample.reference && apart(sample, it).norm() < around));
         }
-        let seen: Vec<Seen> = sample.seen.iter().map(|it| unbent(sample, it, &near, width)).collect();
+        let seen: Vec<Seen> = sample.seen.iter().map(|it| unbent(sample, it, &near, width, around)).collect();
         let found = meet(views, sample.reference, sample.pixel, &seen, options.camera_sigma_px);
         found.map_or((sample.position, sample.covariance), |it| (it.0, it.1))
     };
@@ -54,7 +59,7 @@ fn apart(from: &Sample, to: &Sample) -> Vector2<f64> {
 }
 
 /// A match without what the bending of matches around it makes of it.
-fn unbent(sample: &Sample, seen: &Seen, near: &[&Sample], width: f64) -> Seen {
+fn unbent(sample: &Sample, seen: &Seen, near: &[&Sample], width: f64, around: f64) -> Seen {
     // Matches less what this one's slopes say: c + gᵀp + ½ pᵀ H p, in widths of the patch.
     let (mut normal, mut side) = (SMatrix::<f64, 6, 6>::zeros(), SMatrix::<f64, 6, 2>::zeros());
     let (mut squares, mut n) = (0.0, 0);
@@ -79,15 +84,14 @@ fn unbent(sample: &Sample, seen: &Seen, near: &[&Sample], width: f64) -> Seen {
     let left = (squares - (side.transpose() * found).trace()).max(0.0) / (2 * (n - 6)) as f64;
     let share = (width * width - 1.0) / (12.0 * width * width);
     let bend = (found.row(3) + found.row(5)).transpose() * (share / 2.0);
-    // Patches that overlap err together: of those within one width, one counts.
-    let together = (n as f64 / (std::f64::consts::PI * AROUND * AROUND)).max(1.0);
     let variance = seen.covariance.trace() / 2.0 + LEAST_SIGMA_PX * LEAST_SIGMA_PX;
-    let scatter = (share / 2.0).powi(2)
-        * (inverse[(3, 3)] + 2.0 * inverse[(3, 5)] + inverse[(5, 5)])
-        * together
-        * variance.max(left);
-    // As far as it is known better than the match itself, and the surface around is like a parabola.
-    let doubt = (scatter / variance).powi(2) + (left / (UNLIKE * UNLIKE * variance)).powi(2);
+    let lean = Vector2::new(normal[(0, 1)], normal[(0, 2)]).norm() * width / (around * n as f64);
+    let known = (share / 2.0).powi(2) * (inverse[(3, 3)] + 2.0 * inverse[(3, 5)] + inverse[(5, 5)]);
+    let scatter = known.max(LEAST_SCATTER) * variance;
+    // As far as it is known better than the match itself, the surface around is like a parabola, and there are points on all sides.
+    let doubt = (scatter / variance).powi(2)
+        + (left / (UNLIKE * UNLIKE * variance + bend.norm_squared() / 2.0)).powi(2)
+        + (lean / ONE_SIDED).powi(4);
     let taken = 1.0 / (1.0 + doubt);
     let rest = bend * (1.0 - taken);
     let mut straight = *seen;

@@ -185,7 +185,7 @@ impl Engine {
 
     /// Where points lie with the bending of the surface taken off, by which patches that are matched as flat ones are off.
     pub fn straightened(&self, samples: &[&Sample]) -> Vec<Straight> {
-        straightened(&self.prepared.views, samples, &self.prepared.measure)
+        straightened(&self.prepared.views, samples, &self.prepared.measure, self.prepared.cover.spacing_px)
     }
 
     /// As a message, colours from the reference's picture; `places` of the points, see [`Engine::straightened`].
