@@ -5,6 +5,9 @@
 //! weigh most. Their weighted mean is the latency, with a standard deviation, and where the head is at any time, between two answers and after the
 //! last one, up to the time to which its orders reach.
 //!
+//! What the mean misses answers by beyond their rounding is in the variances: of a head that stands as an angle, of one that moves as a time by which the mean is late, so that a fast move
+//! says nothing against where the head stands afterwards.
+//!
 //! An answer pulls all of them a little towards it, so that what no order explains (a hand, a lost order, a limit) does not stay.
 
 mod follow;
@@ -28,6 +31,8 @@ const ACCELERATIONS: usize = 5;
 const GAIN: f64 = 0.3;
 /// A surprise counts no more than this many variances: one garbled answer does not decide.
 const MOST_SURPRISE: f64 = 9.0;
+/// How much of what the mean missed answers by one more answer replaces [–].
+const MISFIT_GAIN: f64 = 0.1;
 /// Answers so close share their errors: as many count as one [–].
 const ALIKE: f64 = 3.0;
 /// Candidates lighter than this are not carried into the future [–].
@@ -85,11 +90,38 @@ pub struct ActuatorEstimator {
     /// The time to which the candidates have been carried [s].
     now_s: f64,
     past: VecDeque<(f64, ActuatorState)>,
-    /// Discounted mean square of what the mean missed answers by, beyond their rounding [rad²].
-    misfit: [f64; 2],
+    misfit: [Misfit; 2],
     last_answer_s: Option<f64>,
     /// Of an answer or an observation.
     last_measured_s: Option<f64>,
+}
+
+/// What the mean missed answers by, beyond their rounding, discounted.
+#[derive(Debug, Clone, Copy, Default)]
+struct Misfit {
+    /// Mean square while the motor stood [rad²].
+    standing: f64,
+    /// Sums of squares while it moved, and of its rates then [rad², rad²/s²].
+    moving: f64,
+    rates: f64,
+}
+
+impl Misfit {
+    /// One more answer was missed by `beyond` [rad²] at a mean square rate of `rate` [rad²/s²]. Motors that move less than `quantum` [rad] in the time between two latencies that are tried stand.
+    fn take(&mut self, beyond: f64, rate: f64, quantum: f64) {
+        if rate * LATENCY_STEP_S.powi(2) <= quantum.powi(2) {
+            self.standing += MISFIT_GAIN * (beyond - self.standing);
+        } else {
+            self.moving += beyond - MISFIT_GAIN * self.moving;
+            self.rates += rate - MISFIT_GAIN * self.rates;
+        }
+    }
+
+    /// At a mean square rate [rad²].
+    fn variance(&self, rate: f64) -> f64 {
+        let late = if self.rates > 0.0 { self.moving / self.rates } else { 0.0 };
+        self.standing + late * rate
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -133,7 +165,7 @@ impl ActuatorEstimator {
             n_forgotten: 0,
             now_s: time_s,
             past: VecDeque::new(),
-            misfit: [0.0; 2],
+            misfit: [Misfit::default(); 2],
             last_answer_s: None,
             last_measured_s: None,
         };
@@ -179,6 +211,7 @@ impl ActuatorEstimator {
             self.candidates.iter_mut().for_each(|it| it.motors = angles.map(Motor::at_rest));
         }
         let mean = self.mean(&self.candidates);
+        let rates = [0, 1].map(|axis| mean_square_rate(&self.candidates, axis));
         for axis in [0, 1] {
             for candidate in &mut self.candidates {
                 let motor = &mut candidate.motors[axis];
@@ -191,7 +224,7 @@ impl ActuatorEstimator {
             }
             let missed = (angles[axis] - mean.angles[axis]).powi(2);
             let beyond = (missed - variances[axis] - (mean.rates[axis] * width_s).powi(2) / 12.0).max(0.0);
-            self.misfit[axis] += 0.1 * (beyond - self.misfit[axis]);
+            self.misfit[axis].take(beyond, rates[axis], self.options.quantum[axis]);
         }
         self.last_measured_s = Some(time_s);
         self.weigh();
@@ -274,7 +307,8 @@ impl ActuatorEstimator {
         let shake = self.options.shake.powi(2);
         let variances = [0, 1].map(|axis| {
             let spread = over(&|it| (it.motors[axis].angle - angles[axis]).powi(2));
-            spread + self.misfit[axis] + shake + self.options.quantum[axis].powi(2) / 12.0
+            let missed = self.misfit[axis].variance(mean_square_rate(candidates, axis));
+            spread + missed + shake + self.options.quantum[axis].powi(2) / 12.0
         });
         ActuatorState { angles, rates, variances }
     }
@@ -286,6 +320,12 @@ impl ActuatorEstimator {
         let sum: f64 = self.candidates.iter().map(|it| it.weight).sum();
         self.candidates.iter_mut().for_each(|it| it.weight /= sum);
     }
+}
+
+/// Weighted mean square of how fast a motor may be [rad²/s²].
+fn mean_square_rate(candidates: &[Candidate], axis: usize) -> f64 {
+    let sum: f64 = candidates.iter().map(|it| it.weight).sum();
+    candidates.iter().map(|it| it.weight * it.motors[axis].rate.powi(2)).sum::<f64>() / sum
 }
 
 impl Candidate {

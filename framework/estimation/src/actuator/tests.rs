@@ -81,6 +81,42 @@ fn a_head_that_does_not_obey_is_where_it_says() {
 }
 
 #[test]
+fn a_fast_move_says_nothing_against_where_the_head_stands_afterwards() {
+    let quantum = 1e-3_f64.to_radians();
+    let options = ActuatorOptions { latency_s: [0.1, 0.02], quantum: [quantum; 2], shake: 0.0, ..Default::default() };
+    let mut actuator = ActuatorEstimator::new(options, 0.0, [0.0; 2]);
+    // To and fro by 20° at 60 °/s, each move 4 to 14 ms later than it should come; then the head stands.
+    let (mut motor, mut orders, mut random) = (Motor::at_rest(0.0), Vec::new(), Random::new(5));
+    let mut moving: Vec<[f64; 2]> = Vec::new();
+    for tick in 0..16_000 {
+        let now = f64::from(tick) * TICK_S;
+        if tick % 1000 == 0 && tick < 10_000 {
+            let order = Order::Go { goal: f64::from(tick / 1000 % 2) * 0.35, speed: 1.0 };
+            actuator.order(now, [order, Order::Turn(0.0)]);
+            orders.push((now + 0.104 + 0.01 * random.uniform(), order));
+        }
+        orders.retain(|(at, order)| {
+            motor.order = if *at <= now { *order } else { motor.order };
+            *at > now
+        });
+        motor.advance(TICK_S, 400_f64.to_radians());
+        if tick % 20 == 0 {
+            actuator.answer(now, now, [(motor.angle / quantum).round() * quantum, 0.0]);
+            let state = actuator.at(now + 0.01).unwrap();
+            if tick > 5000 && state.rates[0].abs() > 0.5 {
+                moving.push([state.angles[0] - motor.angle - motor.rate * 0.01, state.variances[0]]);
+            }
+        }
+    }
+    let mean = |of: &dyn Fn(&[f64; 2]) -> f64| moving.iter().map(of).sum::<f64>() / moving.len() as f64;
+    let (error, stated) = (mean(&|it| it[0] * it[0]).sqrt().to_degrees(), mean(&|it| it[1]).sqrt().to_degrees());
+    assert!((0.4..4.0).contains(&(stated / error)), "in motion off by {error}°, stated {stated}°");
+    let state = actuator.at(16.0).unwrap();
+    let (error, stated) = ((state.angles[0] - motor.angle).to_degrees(), state.variances[0].sqrt().to_degrees());
+    assert!(error.abs() < 2e-3 && stated < 2e-3, "at rest off by {error}°, stated {stated}°");
+}
+
+#[test]
 fn an_order_on_its_way_is_foreseen_and_the_past_is_remembered() {
     let mut actuator = ActuatorEstimator::new(
         ActuatorOptions { latency_s: [0.2, 0.001], ..ActuatorOptions::default() },
