@@ -79,7 +79,7 @@ pub struct SurfaceSettings {
     /// Pieces of fewer triangles are left out of the surface [–]
     #[schemars(range(min = 1, max = 10000000))]
     pub min_triangles: usize,
-    /// The surface is sent no more often than so [ms]
+    /// The surface is sent no more often than so, but for one that has triangles at last, or twice as many points as the last one that was sent [ms]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub interval_ms: f64,
     /// Memory of voxels and patches, at most; points beyond are left out and counted [MB]
@@ -111,6 +111,9 @@ impl Default for SurfaceSettings {
 /// A surface whose first cloud fits none of so many after it is begun anew.
 const DOUBTS: u32 = 4;
 
+/// A surface is sent at once when it has so many times the points of the last one that was sent: what is seen first may be a few stripes that do not meet.
+const GROWN: u64 = 2;
+
 /// At least so long between two poses of a space that are kept [ms].
 const POSES_MS: f64 = 8.0;
 
@@ -131,7 +134,8 @@ pub struct JoinedSurface {
     n_restarts: u64,
     n_points: u64,
     n_left_out: u64,
-    sent: Option<Time>,
+    /// When a surface with triangles was last sent, and how many points it had.
+    sent: Option<(Time, u64)>,
     last: [f64; 3],
     corrections_mm: Vec<f64>,
     pose_sigmas_mm: Vec<f64>,
@@ -342,10 +346,14 @@ impl JoinedSurface {
             io.emit(&JOINED, cloud.stamp, moved(&cloud.value, placed, &joined));
         }
         let time = last.value.time;
-        let is_due = self.sent.is_none_or(|it| (time - it).as_s() * 1e3 >= self.settings.interval_ms);
+        let is_due = self.sent.is_none_or(|(when, n_points)| {
+            (time - when).as_s() * 1e3 >= self.settings.interval_ms || self.n_points >= GROWN * n_points
+        });
         if is_due {
-            self.sent = Some(time);
             let mesh = self.mesh(time, &(placed.world_from_scale * joined.surface_from_cloud.inverse()), &joined);
+            if mesh.triangles().next().is_some() {
+                self.sent = Some((time, self.n_points));
+            }
             io.emit(&SURFACE, last.stamp, mesh);
         }
     }

@@ -316,6 +316,15 @@ fn many_thin_clouds_along_stripes_become_the_same_surface() {
 }
 
 #[test]
+fn a_surface_that_grows_is_sent_before_its_interval_is_over() {
+    let settings = SurfaceSettings { voxel_mm: 1.5, gather_points: 20_000, ..SurfaceSettings::default() };
+    // Three groups of seven clouds, in less time than `interval_ms`.
+    let (mesh, _, report) = run(60.0, 24, settings, |number, random| stripes(0.37 * number as f64 % 1.0, random));
+    assert_eq!(report.figures["surface.clouds"], 21.0);
+    assert!(mesh.n_clouds >= 14 && mesh.triangles().count() > 3000, "{} {}", mesh.n_clouds, mesh.triangles().count());
+}
+
+#[test]
 fn a_cloud_without_a_place_for_the_target_is_refused_with_a_remark() {
     let mut bench = NodeBench::<JoinedSurface>::with_setup(SurfaceSettings::default(), &setup()).unwrap();
     bench.feed(&CLOUD, Time::ZERO, cloud(&full(0.002, false, &mut Random::new(1)), Time::ZERO)).unwrap();
