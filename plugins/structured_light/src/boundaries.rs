@@ -40,6 +40,7 @@ figures! {
     "boundaries.frames.*": count, high, "Pictures of the camera of which a map was made";
     "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded, or few of those before: the first four, and those that are dark, saturated or without stripes, and those of what moves too fast";
     "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or, once the projector has begun, of which nobody knows what it showed";
+    "boundaries.frames_moving.*": count, low, "Pictures of a head that moved, which gave no map because its pose was known worse than max_pose_px";
     "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
     "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
     "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the distances that the surface may have";
@@ -77,6 +78,9 @@ pub struct BoundariesSettings {
     /// Pixels along the row, to either side of a boundary, that get the column of the projector [px]
     #[schemars(range(min = 0.5, max = 8.0))]
     pub beside_px: f32,
+    /// Pictures of a head whose angles are known worse than this are tracked and give no map: standard deviation of the larger one in the picture [px]
+    #[schemars(range(min = 0.01, max = 1000.0))]
+    pub max_pose_px: f64,
     /// Threads over which the rows are spread; the result is the same for any number [–]
     #[schemars(range(min = 1, max = 64))]
     pub threads: usize,
@@ -95,6 +99,8 @@ impl Default for BoundariesSettings {
             black: 0.0,
             noise: 1.5,
             beside_px: 1.0,
+            // A stripe's edge is known to about a tenth of a pixel; beyond a pixel the error of the pose is most of what a point is off.
+            max_pose_px: 1.0,
             threads: 2,
         }
     }
@@ -129,6 +135,8 @@ struct Before {
     lit_from: Field,
     /// How far stripes moved in common beyond what the head's pose says, to this picture [px].
     off: f32,
+    /// Standard deviation of the head's pose in this picture; 0 without a head [px].
+    pose_px: f64,
 }
 
 /// Pictures of a boundary code in, maps out.
@@ -159,6 +167,8 @@ pub struct Boundaries {
     frames: u64,
     empty: u64,
     refused: u64,
+    /// While the head moved.
+    moving: u64,
     /// Pictures before that.
     unlit: u64,
     found: u64,
@@ -191,6 +201,7 @@ impl Node for Boundaries {
         ConfigError::unless_in("black", settings.black, 0.0..=255.0)?;
         ConfigError::unless_in("noise", settings.noise, 0.05..=50.0)?;
         ConfigError::unless_in("beside_px", settings.beside_px, 0.5..=8.0)?;
+        ConfigError::unless_in("max_pose_px", settings.max_pose_px, 0.01..=1000.0)?;
         ConfigError::unless_in("threads", settings.threads, 1..=64)?;
         let camera = setup.camera_model().cloned().ok_or_else(|| {
             ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
@@ -220,6 +231,7 @@ impl Node for Boundaries {
             frames: 0,
             empty: 0,
             refused: 0,
+            moving: 0,
             unlit: 0,
             found: 0,
             ghosts: 0,
@@ -262,7 +274,10 @@ impl Node for Boundaries {
             }
             let Some(image) = self.images.pop_front() else { break };
             match self.camera_at(pose.as_deref()) {
-                Some(camera) => self.take(io, &image, camera),
+                Some(camera) => {
+                    let pose_px = pose.map_or(0.0, |it| sigma_px(&it, &camera));
+                    self.take(io, &image, camera, pose_px);
+                }
                 None => {
                     let fault = "found no pose of the camera's head at the time of the picture, expected one";
                     self.refuse(io, image.time(), "pose", fault.to_owned());
@@ -277,6 +292,9 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.frames.{name}"), self.frames as f64);
         report.figure(format!("boundaries.frames_empty.{name}"), self.empty as f64);
         report.figure(format!("boundaries.frames_refused.{name}"), self.refused as f64);
+        if self.has_pose {
+            report.figure(format!("boundaries.frames_moving.{name}"), self.moving as f64);
+        }
         report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
@@ -291,6 +309,12 @@ impl Node for Boundaries {
         }
         Ok(())
     }
+}
+
+/// Standard deviation of a head's larger angle, in the middle of the picture [px].
+fn sigma_px(pose: &HeadPose, camera: &Camera) -> f64 {
+    let [pan, tilt] = [0, 1].map(|axis| pose.angles_covariance[(axis, axis)]);
+    camera.intrinsics.focal[0] * pan.max(tilt).max(0.0).sqrt()
 }
 
 impl Boundaries {
@@ -376,7 +400,7 @@ impl Boundaries {
         }
     }
 
-    fn take(&mut self, io: &mut Io<'_>, image: &Stamped<Arc<Image>>, camera: Camera) {
+    fn take(&mut self, io: &mut Io<'_>, image: &Stamped<Arc<Image>>, camera: Camera, pose_px: f64) {
         let time = image.time();
         let size = [image.value.width, image.value.height];
         if let Some(last) = self.last.filter(|it| *it >= time) {
@@ -495,6 +519,13 @@ impl Boundaries {
                 );
                 self.note("off", before.stamp.time, &fault);
                 io.gap(&MAP, before.stamp.time, fault);
+            } else if before.pose_px > self.settings.max_pose_px {
+                self.moving += 1;
+                let fault = format!(
+                    "the head moves, and its pose is known worse than the {} px of `max_pose_px`",
+                    self.settings.max_pose_px
+                );
+                io.gap(&MAP, before.stamp.time, fault);
             } else {
                 self.conclude(io, &before, &code, axis, &image.value);
             }
@@ -504,7 +535,7 @@ impl Boundaries {
             self.recent.pop_front();
         }
         let lit_from = lit_from(&camera, &self.projector, axis, range);
-        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from, off });
+        self.before = Some(Before { stamp: image.stamp, camera, number, lit_from, off, pose_px });
     }
 
     /// Notes what is wrong with the light of a picture.

@@ -3,6 +3,7 @@
 use foveate::imaging::stripes::pattern::picture;
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
+use nalgebra::{Matrix2, Matrix6};
 
 use super::*;
 use crate::pair::tests::rig;
@@ -72,6 +73,17 @@ fn seen(number: usize, frame: usize, gain: f64, code: &StripeCode) -> Image {
 }
 
 fn run(settings: BoundariesSettings, stripe: u32, n: usize, condition: impl Fn(usize) -> Condition) -> Outcome {
+    run_on_head(settings, stripe, n, condition, None)
+}
+
+/// Of a camera on a head that stands, where `pose_px` is given: what its angles are known to [px].
+fn run_on_head(
+    settings: BoundariesSettings,
+    stripe: u32,
+    n: usize,
+    condition: impl Fn(usize) -> Condition,
+    pose_px: Option<&dyn Fn(usize) -> f64>,
+) -> Outcome {
     let pattern = PatternSettings {
         projector_px: [1024, 768],
         code: crate::pattern::Code::Boundary,
@@ -79,7 +91,8 @@ fn run(settings: BoundariesSettings, stripe: u32, n: usize, condition: impl Fn(u
         ..PatternSettings::default()
     };
     let (manifest, code) = (toml::to_string(&pattern).unwrap(), pattern.stripe_code(None).unwrap());
-    let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image", "shown"])).unwrap();
+    let connected: &[&str] = if pose_px.is_some() { &["image", "shown", "pose"] } else { &["image", "shown"] };
+    let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(connected)).unwrap();
     for number in 0..n {
         let from = Time::from_s(0.02 * number as f64);
         let shown = PatternShown {
@@ -102,6 +115,9 @@ fn run(settings: BoundariesSettings, stripe: u32, n: usize, condition: impl Fn(u
         };
         let frame = if what == Condition::Dropped { (number + 3) % 4 } else { number % 4 };
         let image = seen(number, frame, gain, &code);
+        if let Some(px) = pose_px {
+            bench.feed(&POSE, time(number), pose(time(number), px(number))).unwrap();
+        }
         match what {
             Condition::Lost => {}
             Condition::Late => bench.feed(&IMAGE, time(0), image).unwrap(),
@@ -111,6 +127,22 @@ fn run(settings: BoundariesSettings, stripe: u32, n: usize, condition: impl Fn(u
     let gaps = bench.gaps(&MAP).into_iter().map(|it| it.reason).collect();
     let maps = bench.outputs(&MAP).into_iter().map(|it| (it.time(), it.value)).collect();
     Outcome { maps, gaps, report: bench.finish().unwrap() }
+}
+
+/// Of a head that stands, known to `px` in the picture.
+fn pose(time: Time, px: f64) -> HeadPose {
+    let camera = rig().0;
+    HeadPose {
+        camera: CameraId(0),
+        time,
+        angles: [0.0; 2],
+        angles_covariance: Matrix2::identity() * (px / camera.intrinsics.focal[0]).powi(2),
+        rates: [0.0; 2],
+        zoom: None,
+        camera_from_world: camera.camera_from_world,
+        covariance: Matrix6::identity() * 1e-12,
+        age: Interval(0),
+    }
 }
 
 fn near() -> BoundariesSettings {
@@ -153,6 +185,17 @@ fn each_picture_has_a_map_of_its_own_time_one_picture_late() {
     let figure = |name: &str| found.report.figures[&format!("boundaries.{name}.camera")];
     assert!(figure("ghosts") > 0.15 && figure("ghosts") < 0.35, "{}", figure("ghosts"));
     assert!(figure("frames") == found.maps.len() as f64 && figure("unknown_period") == 0.0);
+}
+
+#[test]
+fn a_picture_of_a_head_that_moves_is_tracked_and_gives_no_map() {
+    let px = |number: usize| if (8..10).contains(&number) { 2.5 } else { 0.2 };
+    let found = run_on_head(near(), STRIPE, 14, |_| Condition::Fine, Some(&px));
+    let times: Vec<Time> = found.maps.iter().map(|it| it.0).collect();
+    assert!([7, 10, 11, 12].iter().all(|it| times.contains(&time(*it))), "{times:?}");
+    assert!(!times.contains(&time(8)) && !times.contains(&time(9)), "{times:?}");
+    assert_eq!(found.report.figures["boundaries.frames_moving.camera"], 2.0);
+    assert!(found.gaps.iter().any(|it| it.contains("the head moves")), "{:?}", found.gaps);
 }
 
 #[test]
