@@ -1,4 +1,4 @@
-//! Decoding of a Gray code, 42 pictures of 1280 × 1024: the time of a set, and the time of reading its pictures once.
+//! Decoding of a Gray code, 42 pictures of 1280 × 1024: the time of a set, of reading its pictures once, and of telling whether the camera moved meanwhile.
 //!
 //! `cargo bench -p foveate-imaging --bench stripes`. Its peer: `peer_stripes.py` beside it.
 
@@ -6,6 +6,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foveate_imaging::ImageView;
+use foveate_imaging::stripes::drift::drift;
 use foveate_imaging::stripes::{Axis, DecodeOptions, Shown, StripeCode, decode, gray, pattern};
 
 const WIDTH: usize = 1280;
@@ -41,6 +42,22 @@ fn main() {
         let mut decoded = gray::Decoded::default();
         let run = || gray::decode_into(&code, &views, &Axis::BOTH, &options, black_box(&mut decoded)).unwrap();
         println!("decoding, {threads} thread(s): {:.2} ms", median(run));
+    }
+    // A surface with colours of its own says where it lies; one without is asked for all its pixels.
+    let mut textured = pictures.clone();
+    for (at, pixel) in textured.iter_mut().flat_map(|it| it.iter_mut().enumerate()) {
+        let (x, y) = (at % WIDTH, at / WIDTH);
+        let shade = 0.75 + 0.25 * (x as f32 / 7.0).sin() * (y as f32 / 9.0).cos();
+        *pixel = (f32::from(*pixel) * shade) as u8;
+    }
+    for (name, set) in [("coloured", &textured), ("plain", &pictures)] {
+        let views: Vec<ImageView<'_>> = set.iter().map(|it| ImageView::new(it, WIDTH, HEIGHT).unwrap()).collect();
+        println!(
+            "whether the camera moved, a {name} surface: {:.2} ms",
+            median(|| {
+                black_box(drift(&code, &views, 12));
+            })
+        );
     }
     let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
     let found = decoded.stripes[0].iter().filter(|it| **it != u16::MAX).count();

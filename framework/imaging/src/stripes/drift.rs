@@ -12,7 +12,8 @@ use super::Coordinates;
 use super::code::{Axis, Inverse, Shown, StripeCode};
 use crate::ImageView;
 
-/// Pixels that tell it, at most and at least.
+/// Pixels that tell it, at first, at most and at least.
+const FEW_SAMPLES: usize = 6000;
 const SAMPLES: usize = 60_000;
 const MIN_SAMPLES: usize = 2000;
 /// Sums before and after a move, at least.
@@ -24,10 +25,14 @@ const EDGE: f64 = 0.3;
 /// Turns in which pixels are left out that do not fit, and by how many standard deviations.
 const TURNS: usize = 3;
 const OUTSIDE: f64 = 3.0;
+/// One of so many pixels is in the median that says what a standard deviation is.
+const MEDIAN_OF: usize = 4;
 /// A move is at least so large [px] …
 const LEAST: f64 = 0.15;
 /// … and so many standard deviations of how sums scatter about the places before and after it.
 const SIGMAS: f64 = 7.0;
+/// Few pixels say that nothing moved where a move of [`LEAST`] would be so many standard deviations away.
+const SURE: f64 = 4.0;
 /// A surface that colours place no better than this says nothing, standard deviation of one sum [px].
 const KNOWN: f64 = 0.1;
 
@@ -103,69 +108,161 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
     if pairs.len() < 2 * MIN_SUMS {
         return None;
     }
-    let (width, height) = pictures.first()?.size();
-    let n = width * height;
-    let mut scene = vec![0.0_f32; n];
-    for [a, b] in &pairs {
-        let both = pictures[*a].pixels().iter().zip(pictures[*b].pixels());
-        scene.iter_mut().zip(both).for_each(|(to, (a, b))| *to += f32::from(*a) + f32::from(*b));
+    let mut samples = Samples::new(pictures, &pairs, [white, black], min_contrast)?;
+    // Of most sets few pixels say that nothing moved; only where they do not, many are asked.
+    samples.gather(FEW_SAMPLES);
+    if samples.len() >= MIN_SAMPLES && is_surely_still(&samples.places()?) {
+        return None;
     }
-    let level = |at: usize| f64::from(scene[at]) / pairs.len() as f64;
-    let is_lit = |at: &usize| {
-        let (x, y) = (at % width, at / width);
-        let is_inside = (1..width - 1).contains(&x) && (1..height - 1).contains(&y);
-        is_inside && white[*at] < SATURATED && white[*at] >= black[*at].saturating_add(min_contrast)
-    };
-    let lit: Vec<usize> = (0..n).filter(is_lit).collect();
-    let slope = |at: usize| {
-        let slope = Vector2::new(level(at + 1) - level(at - 1), level(at + width) - level(at - width)) / 2.0;
-        (slope.norm() <= EDGE * level(at)).then_some((at, Vector4::new(level(at), 1.0, -slope.x, -slope.y)))
-    };
-    let some = lit.iter().step_by(lit.len().div_ceil(SAMPLES).max(1));
-    let samples: Vec<(usize, Vector4<f64>)> = some.filter_map(|it| slope(*it)).collect();
+    samples.gather(SAMPLES);
     if samples.len() < MIN_SAMPLES {
         return None;
     }
-    let places: Vec<Vector2<f64>> = pairs.iter().map(|pair| place(pictures, *pair, &samples)).collect::<Option<_>>()?;
-    let mean = |of: &[Vector2<f64>]| of.iter().sum::<Vector2<f64>>() / of.len() as f64;
-    let scatter = |of: &[Vector2<f64>]| of.iter().map(|it| (it - mean(of)).norm_squared()).sum::<f64>();
-    // The split that leaves least scatter.
-    let splits = MIN_SUMS..=pairs.len() - MIN_SUMS;
-    let left = |it: usize| scatter(&places[..it]) + scatter(&places[it..]);
-    let split = splits.min_by(|a, b| left(*a).total_cmp(&left(*b)))?;
-    let by = mean(&places[split..]) - mean(&places[..split]);
-    let [before, after] = [split, pairs.len() - split].map(|it| it as f64);
-    let variance = left(split) / (before + after - 2.0);
-    let sigma = (variance * (1.0 / before + 1.0 / after)).sqrt();
-    let is_told = variance.sqrt() <= KNOWN.max(by.norm() / 4.0) && by.norm() >= LEAST.max(SIGMAS * sigma);
+    let places = samples.places()?;
+    let Split { at, by, scatter, sigma } = best_split(&places)?;
+    let is_told = scatter <= KNOWN.max(by.norm() / 4.0) && by.norm() >= LEAST.max(SIGMAS * sigma);
     // Sums of steps reach from the first half of the steps into the second: what moved among these lies between.
-    let first = pairs[split][0];
-    let last = pairs[..split].iter().map(|it| it[0]).max()?;
+    let first = pairs[at][0];
+    let last = pairs[..at].iter().map(|it| it[0]).max()?;
     is_told.then_some(Drift { last, first, by })
 }
 
-/// Where the scene lies in the sum of two pictures.
-fn place(pictures: &[ImageView<'_>], pair: [usize; 2], samples: &[(usize, Vector4<f64>)]) -> Option<Vector2<f64>> {
-    let levels = |at: usize| pair.iter().map(|it| f64::from(pictures[*it].pixels()[at])).sum::<f64>();
-    let mut most = f64::INFINITY;
-    let mut found = Vector4::new(1.0, 0.0, 0.0, 0.0);
-    for _ in 0..TURNS {
-        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
-        let mut off: Vec<f64> = Vec::with_capacity(samples.len());
-        for (at, row) in samples {
-            let level = levels(*at);
-            let misfit = (level - row.dot(&found)).abs();
-            off.push(misfit);
-            if misfit <= most {
-                normal += row * row.transpose();
-                right += row * level;
+/// Sums in two parts, each about a place of its own.
+struct Split {
+    /// Sums before it.
+    at: usize,
+    /// From the mean place of the first part to that of the second [px].
+    by: Vector2<f64>,
+    /// Of the sums about the mean of their part, standard deviation [px].
+    scatter: f64,
+    /// Of `by`, by that scatter [px].
+    sigma: f64,
+}
+
+fn splits(places: &[Vector2<f64>]) -> impl Iterator<Item = Split> {
+    let mean = |of: &[Vector2<f64>]| of.iter().sum::<Vector2<f64>>() / of.len() as f64;
+    let squares = move |of: &[Vector2<f64>]| of.iter().map(|it| (it - mean(of)).norm_squared()).sum::<f64>();
+    (MIN_SUMS..=places.len() - MIN_SUMS).map(move |at| {
+        let (before, after) = places.split_at(at);
+        let variance = (squares(before) + squares(after)) / (places.len() as f64 - 2.0);
+        let sigma = (variance * (1.0 / before.len() as f64 + 1.0 / after.len() as f64)).sqrt();
+        Split { at, by: mean(after) - mean(before), scatter: variance.sqrt(), sigma }
+    })
+}
+
+/// The split that leaves least scatter.
+fn best_split(places: &[Vector2<f64>]) -> Option<Split> {
+    splits(places).min_by(|a, b| a.scatter.total_cmp(&b.scatter))
+}
+
+/// Whether no split can be a move, whatever more pixels would say.
+fn is_surely_still(places: &[Vector2<f64>]) -> bool {
+    splits(places).all(|it| it.scatter <= KNOWN && it.by.norm() + SURE * it.sigma < LEAST)
+}
+
+/// Pixels that tell where the scene lies in each sum, by whole rows that are spread over the picture.
+struct Samples<'a> {
+    pictures: &'a [ImageView<'a>],
+    pairs: &'a [[usize; 2]],
+    white: &'a [u8],
+    black: &'a [u8],
+    min_contrast: u8,
+    /// From one row that is asked to the next, around the picture.
+    step: usize,
+    /// Rows that have been asked.
+    n_rows: usize,
+    /// Pixels; for each the scene's level, 1, and its slopes with a minus: what a sum depends on.
+    at: Vec<usize>,
+    of: Vec<Vector4<f64>>,
+}
+
+impl<'a> Samples<'a> {
+    fn new(
+        pictures: &'a [ImageView<'a>],
+        pairs: &'a [[usize; 2]],
+        [white, black]: [&'a [u8]; 2],
+        min_contrast: u8,
+    ) -> Option<Samples<'a>> {
+        let (width, height) = pictures.first()?.size();
+        if width < 3 || height < 3 {
+            return None;
+        }
+        // Rows in steps of the golden section lie evenly, however many of them are asked.
+        let rows = height - 2;
+        let step = ((rows as f64 * 0.618) as usize..).find(|it| greatest_divisor(*it, rows) == 1)?;
+        Some(Samples { pictures, pairs, white, black, min_contrast, step, n_rows: 0, at: Vec::new(), of: Vec::new() })
+    }
+
+    fn len(&self) -> usize {
+        self.at.len()
+    }
+
+    /// Asks more rows, until there are `n` pixels or no more rows.
+    fn gather(&mut self, n: usize) {
+        let (width, height) = self.pictures[0].size();
+        let mut levels = [0; 3].map(|_| vec![0_u32; width]);
+        let share = 1.0 / self.pairs.len() as f64;
+        while self.at.len() < n && self.n_rows < height - 2 {
+            let y = 1 + self.n_rows * self.step % (height - 2);
+            self.n_rows += 1;
+            for (level, y) in levels.iter_mut().zip(y - 1..) {
+                level.fill(0);
+                for picture in self.pairs.iter().flatten() {
+                    let row = self.pictures[*picture].row(y);
+                    level.iter_mut().zip(row).for_each(|(to, it)| *to += u32::from(*it));
+                }
+            }
+            let [above, here, below] = [0, 1, 2].map(|it| &levels[it]);
+            for x in 1..width - 1 {
+                let at = y * width + x;
+                let (white, black) = (self.white[at], self.black[at]);
+                if white >= SATURATED || white < black.saturating_add(self.min_contrast) {
+                    continue;
+                }
+                let level = |of: &[u32], x: usize| f64::from(of[x]) * share;
+                let slope =
+                    Vector2::new(level(here, x + 1) - level(here, x - 1), level(below, x) - level(above, x)) / 2.0;
+                if slope.norm() <= EDGE * level(here, x) {
+                    self.at.push(at);
+                    self.of.push(Vector4::new(level(here, x), 1.0, -slope.x, -slope.y));
+                }
             }
         }
-        found = normal.try_inverse()? * right;
-        off.sort_by(f64::total_cmp);
-        most = OUTSIDE * 1.4826 * off[off.len() / 2];
     }
-    Some(Vector2::new(found.z, found.w))
+
+    /// Where the scene lies in each sum.
+    fn places(&self) -> Option<Vec<Vector2<f64>>> {
+        let all: Matrix4<f64> = self.of.iter().map(|it| it * it.transpose()).sum();
+        let inverse = all.try_inverse()?;
+        let (mut levels, mut off) = (vec![0.0; self.len()], vec![0.0; self.len()]);
+        let mut sample: Vec<f64> = Vec::new();
+        let mut place = |pair: &[usize; 2]| {
+            let [a, b] = pair.map(|it| self.pictures[it].pixels());
+            levels.iter_mut().zip(&self.at).for_each(|(to, at)| *to = f64::from(a[*at]) + f64::from(b[*at]));
+            let right: Vector4<f64> = self.of.iter().zip(&levels).map(|(of, level)| of * *level).sum();
+            let mut found = inverse * right;
+            for _ in 1..TURNS {
+                let misfits = self.of.iter().zip(&levels).map(|(of, level)| (level - of.dot(&found)).abs());
+                off.iter_mut().zip(misfits).for_each(|(to, it)| *to = it);
+                sample.clear();
+                sample.extend(off.iter().step_by(MEDIAN_OF));
+                let middle = sample.len() / 2;
+                let most = OUTSIDE * 1.4826 * *sample.select_nth_unstable_by(middle, f64::total_cmp).1;
+                let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+                for ((of, level), _) in self.of.iter().zip(&levels).zip(&off).filter(|it| *it.1 <= most) {
+                    normal += of * of.transpose();
+                    right += of * *level;
+                }
+                found = normal.try_inverse()? * right;
+            }
+            Some(Vector2::new(found.z, found.w))
+        };
+        self.pairs.iter().map(&mut place).collect()
+    }
+}
+
+fn greatest_divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { greatest_divisor(b, a % b) }
 }
 
 #[cfg(test)]
