@@ -21,7 +21,7 @@ pub struct InStep {
     counted: [f64; 2],
     /// Moments that were left out.
     left_out: u64,
-    /// Moments in which three views or more contradict each other, and the worst of them.
+    /// Moments in which views contradict each other, and the worst of them.
     contradicted: (u64, Option<Contradiction>),
     /// What that makes of variances in the last moment [–].
     widened: f64,
@@ -35,6 +35,8 @@ struct Contradiction {
     expected_px: f64,
     /// The view without which the others agree, where it is one, and how far they pass then [px].
     without: Option<(String, f64)>,
+    /// Whether two views say so.
+    are_two: bool,
 }
 
 /// The median of fewer points says nothing about the cameras [–].
@@ -51,7 +53,7 @@ const MUCH_MORE: f64 = 9.0;
 const LEFT_OUT: [f64; 2] = [0.25, 0.5];
 /// So is one in which so many of the patches that are recognised lie off their epipolar lines: of scenes that are in step and as they were calibrated it is 4 % at most, of cameras that were exchanged 10 to 32 % [–].
 pub const OFF_LINES: f64 = 0.08;
-/// Three views or more contradict each other where their lines of sight pass by so many times what their matches and the calibration (`camera_sigma_px`) would have: chance makes 1, of a median over a moment's points [–].
+/// Views contradict each other where their lines of sight pass by so many times what their matches and the calibration (`camera_sigma_px`) would have: chance makes 1, of a median over a moment's points [–].
 const CONTRADICTS: f64 = 2.5;
 /// Points of a moment that are asked which view it is, at most [–].
 const ASKED: usize = 60;
@@ -128,9 +130,13 @@ impl InStep {
         Some(format!("{why}: cameras are out of step, exchanged, or one was moved; it is left out"))
     }
 
-    /// Whether three views or more contradict each other.
+    /// Whether views contradict each other: three or more where enough points are seen by as many, or two, of which it is seen across the base alone.
     fn weigh(&mut self, views: &[View], samples: &[&Sample], camera_sigma_px: f64) {
-        let several: Vec<&Sample> = samples.iter().copied().filter(|it| it.seen.len() > 1).collect();
+        let mut several: Vec<&Sample> = samples.iter().copied().filter(|it| it.seen.len() > 1).collect();
+        let are_two = several.len() < LEAST_POINTS;
+        if are_two {
+            several = samples.to_vec();
+        }
         // Of n views 2 n − 3 equations are left over.
         let variance = |it: &&Sample| {
             let n = (it.seen.len() + 1) as f64;
@@ -166,7 +172,7 @@ impl InStep {
         };
         self.contradicted.0 += 1;
         if self.contradicted.1.as_ref().is_none_or(|it| found_px > it.found_px) {
-            self.contradicted.1 = Some(Contradiction { found_px, expected_px, without });
+            self.contradicted.1 = Some(Contradiction { found_px, expected_px, without, are_two });
         }
     }
 
@@ -205,13 +211,17 @@ impl InStep {
                  shifted or cropped, or cameras are out of step"
             ));
         }
-        if let (n, Some(Contradiction { found_px, expected_px, without })) = &self.contradicted {
+        if let (n, Some(Contradiction { found_px, expected_px, without, are_two })) = &self.contradicted {
+            let seen = if *are_two { "two" } else { "three" };
             let who = match without {
                 Some((name, left_px)) => format!("without `{name}` the others agree to {left_px:.2} px"),
+                None if *are_two => {
+                    "along their base, where depths come from, they may be off by as much and more".to_owned()
+                }
                 None => "which of them it is, they do not say".to_owned(),
             };
             report.remark(format!(
-                "cameras contradict each other in {n} moments: lines of sight of points that three of them see pass the places that they agree on by {found_px:.2} px in the median, expected {expected_px:.2} px as matches and \
+                "cameras contradict each other in {n} moments: lines of sight of points that {seen} of them see pass the places that they agree on by {found_px:.2} px in the median, expected {expected_px:.2} px as matches and \
                  `camera_sigma_px` have it; {who}: lenses or places of cameras are not as they were calibrated, pictures are shifted or cropped, or cameras are out of step; points are given out as uncertain as that makes them"
             ));
         }

@@ -137,3 +137,22 @@ fn a_camera_that_sees_all_at_another_depth_is_no_texture_that_repeats() {
     assert_eq!(n, 0, "{:?} {:?}", report.remarks, report.figures);
     assert!(said("nearer or farther than others do") && !said("the texture repeats"), "{:?}", report.remarks);
 }
+
+/// The second camera's pictures are a row too low and three columns off: that row is all that shows of it.
+#[test]
+fn two_cameras_that_contradict_each_other_across_their_base_are_told_and_points_are_as_uncertain() {
+    let cameras = cameras(2);
+    let mut picture = Scene::of(Shape::Plane, 82).pictures(&cameras);
+    let (_, as_calibrated) = matched(picture.clone(), &cameras, settings());
+    let width = SIZE[0] as usize;
+    let shifted: Vec<u8> =
+        [&picture[1].pixels[..width + 3], &picture[1].pixels[..picture[1].pixels.len() - width - 3]].concat();
+    picture[1].pixels = shifted;
+    let settings = SurfaceSettings { max_misfit_px: 2.0, ..settings() };
+    let (points, report) = matched(picture, &cameras, settings);
+    let is_told = |it: &Report| it.remarks.iter().any(|it| it.contains("points that two of them see"));
+    assert!(is_told(&report) && !is_told(&as_calibrated), "{:?}", report.remarks);
+    let off = |it: &CloudPoint| f64::from(it.position.y.abs() / it.covariance[(1, 1)].sqrt());
+    let far = points.iter().filter(|it| off(it) > 4.0).count();
+    assert!(points.len() > 300 && 20 * far < points.len(), "{far} of {} beyond four standard deviations", points.len());
+}
