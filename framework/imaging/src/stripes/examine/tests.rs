@@ -135,10 +135,10 @@ fn exposures_that_differ_are_evened_out_and_name_no_other_picture() {
         &["`5.png` is 0.70, `13.png` is 0.70, `24.png` is 0.70 times as bright as most pictures"],
         &Axis::BOTH,
     );
-    check(|it| (18..32).for_each(|at| darker(it, at, 0.7)), &["more are otherwise times as bright"], &Axis::BOTH);
+    check(|it| (18..32).for_each(|at| darker(it, at, 0.7)), &["more are of another exposure"], &Axis::BOTH);
     check(
         |it| (0..32).for_each(|at| darker(it, at, 1.0 - 0.01 * at as f64)),
-        &["more are otherwise times as bright"],
+        &["more are of another exposure"],
         &Axis::BOTH,
     );
     // What is decoded is what would have been.

@@ -129,12 +129,13 @@ impl SetFault {
             SetFault::Uneven { pictures } => {
                 const NAMED: usize = 6;
                 let one = |it: &(usize, f64)| format!("{} is {:.2}", name(it.0), it.1);
-                let mut list: Vec<String> = pictures.iter().take(NAMED).map(one).collect();
-                if pictures.len() > NAMED {
-                    list.push(format!("{} more are otherwise", pictures.len() - NAMED));
-                }
+                let list: Vec<String> = pictures.iter().take(NAMED).map(one).collect();
+                let more = match pictures.len().saturating_sub(NAMED) {
+                    0 => String::new(),
+                    n => format!(", and {n} more are of another exposure"),
+                };
                 format!(
-                    "{} times as bright as most pictures, expected one exposure and one light for the whole set: they are evened out by calculation",
+                    "{} times as bright as most pictures{more}, expected one exposure and one light for the whole set: they are evened out by calculation",
                     list.join(", ")
                 )
             }
@@ -150,8 +151,13 @@ impl SetFault {
             SetFault::Moved { last, first, used: [from, until], light } => {
                 let what = light
                     .map_or_else(|| "something moved: what is seen, the camera or the projector".to_owned(), switched);
+                let after = if light.is_none() && from >= first {
+                    "; if it was the camera or the projector, it no longer stands as it was calibrated, and all depths are off"
+                } else {
+                    ""
+                };
                 format!(
-                    "between {} and {} {what}. {} to {} are used, which show one scene, and no other picture",
+                    "between {} and {} {what}. {} to {} are used, which show one scene, and no other picture{after}",
                     name(*last),
                     name(*first),
                     name(*from),
