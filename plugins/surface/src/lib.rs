@@ -11,7 +11,7 @@
 //! | [`surface.pictures`](pictures) | draws trajectories and the vector field |
 
 pub mod bent;
-mod body;
+pub mod body;
 pub mod calibrator;
 pub mod cover;
 pub mod cylinder;
