@@ -18,13 +18,15 @@ use foveate::imaging::stripes::code::{Axis, StripeCode};
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use nalgebra::{Point2, Point3, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use crate::boundary_map::{Map, brightest, period_of};
 use crate::foresight::{Field, lit_from, shift, slope};
 use crate::pair::triangulate;
 use crate::pattern::{PatternSettings, projector_of};
+
+mod settings;
+
+pub use settings::BoundariesSettings;
 
 ports! {
     IMAGE: In<Image> = each("image");
@@ -44,66 +46,6 @@ figures! {
     "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
     "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
     "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the distances that the surface may have";
-}
-
-/// Settings of [`Boundaries`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct BoundariesSettings {
-    /// The projector's name in the calibration [–]
-    pub projector: String,
-    /// From telling the projector to show a picture to its light [ms]
-    #[schemars(range(min = 0.0, max = 1000.0))]
-    pub latency_ms: f64,
-    /// The camera's exposure: all of it must lie in the time in which one picture is shown [ms]
-    #[schemars(range(min = 0.0, max = 100.0))]
-    pub exposure_ms: f64,
-    /// Distance of the surface from the camera, nearest and farthest, where no target says it [m]
-    pub distance_m: [f64; 2],
-    /// The surface is no farther than this from the origin of the scale's space, with `spaces` connected, or from the target at `targets` that is nearest to the middle of the picture [m]
-    #[schemars(range(min = 0.001, max = 100.0))]
-    pub around_m: f64,
-    /// Least difference of both sides of an edge of light [gray level]
-    #[schemars(range(min = 1.0, max = 255.0))]
-    pub min_step: f32,
-    /// Least (bright − dark) / (bright + dark) of an edge of light: edges of the surface's own colour mostly have less [–]
-    #[schemars(range(min = 0.0, max = 1.0))]
-    pub min_contrast: f32,
-    /// What the camera shows of no light [gray level]
-    #[schemars(range(min = 0.0, max = 255.0))]
-    pub black: f32,
-    /// Of the camera's gray levels, standard deviation [gray level]
-    #[schemars(range(min = 0.05, max = 50.0))]
-    pub noise: f32,
-    /// Pixels along the row, to either side of a boundary, that get the column of the projector [px]
-    #[schemars(range(min = 0.5, max = 8.0))]
-    pub beside_px: f32,
-    /// Pictures of a head whose angles are known worse than this are tracked and give no map: standard deviation of the larger one in the picture [px]
-    #[schemars(range(min = 0.01, max = 1000.0))]
-    pub max_pose_px: f64,
-    /// Threads over which the rows are spread; the result is the same for any number [–]
-    #[schemars(range(min = 1, max = 64))]
-    pub threads: usize,
-}
-
-impl Default for BoundariesSettings {
-    fn default() -> Self {
-        Self {
-            projector: crate::pattern::default_projector(),
-            latency_ms: 30.0,
-            exposure_ms: 4.0,
-            distance_m: [0.3, 20.0],
-            around_m: 0.3,
-            min_step: 6.0,
-            min_contrast: 0.2,
-            black: 0.0,
-            noise: 1.5,
-            beside_px: 1.0,
-            // A stripe's edge is known to about a tenth of a pixel; beyond a pixel the error of the pose is most of what a point is off.
-            max_pose_px: 1.0,
-            threads: 2,
-        }
-    }
 }
 
 /// Patterns that wait for their pictures.
@@ -190,19 +132,7 @@ impl Node for Boundaries {
     }
 
     fn new(settings: BoundariesSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        ConfigError::unless_in("latency_ms", settings.latency_ms, 0.0..=1000.0)?;
-        ConfigError::unless_in("exposure_ms", settings.exposure_ms, 0.0..=100.0)?;
-        let [near, far] = settings.distance_m;
-        ConfigError::unless_in("distance_m", near, 1e-3..=1e4)?;
-        ConfigError::unless_in("distance_m", far, near..=1e4)?;
-        ConfigError::unless_in("around_m", settings.around_m, 1e-3..=100.0)?;
-        ConfigError::unless_in("min_step", settings.min_step, 1.0..=255.0)?;
-        ConfigError::unless_in("min_contrast", settings.min_contrast, 0.0..=1.0)?;
-        ConfigError::unless_in("black", settings.black, 0.0..=255.0)?;
-        ConfigError::unless_in("noise", settings.noise, 0.05..=50.0)?;
-        ConfigError::unless_in("beside_px", settings.beside_px, 0.5..=8.0)?;
-        ConfigError::unless_in("max_pose_px", settings.max_pose_px, 0.01..=1000.0)?;
-        ConfigError::unless_in("threads", settings.threads, 1..=64)?;
+        settings.check()?;
         let camera = setup.camera_model().cloned().ok_or_else(|| {
             ConfigError::node(format_args!("`{}` serves one camera: say which with `camera = \"name\"`", Self::TYPE))
         })?;
