@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smallvec::SmallVec;
 
+use crate::wire::portable;
 use crate::{Message, Quality, Space, Wire};
 
 /// A camera of the rig: its place in the calibration's list, which is sorted by name.
@@ -80,7 +81,7 @@ pub struct CameraChoice {
 impl Message for CameraChoice {
     const NAME: &'static str = "camera_choice";
     const SPACE: Space = Space::NONE;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(CameraChoice);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.cameras.len() as u32), sigma: None }

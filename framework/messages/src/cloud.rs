@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, Time, Wire};
 
 /// One point of a surface.
@@ -121,7 +122,7 @@ impl PointCloud {
 impl Message for PointCloud {
     const NAME: &'static str = "point_cloud";
     const SPACE: Space = Space::WORLD_POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(PointCloud);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.len() as u32), sigma: (!self.is_empty()).then_some(self.mean_sigma) }
@@ -153,7 +154,7 @@ pub struct ScaleCloud {
 impl Message for ScaleCloud {
     const NAME: &'static str = "scale_cloud";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(ScaleCloud);
 
     fn quality(&self) -> Quality {
         self.cloud.quality()

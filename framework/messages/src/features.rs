@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
+use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, Wire};
 
 /// One point found in a picture.
@@ -37,7 +38,7 @@ impl Message for Features {
     const NAME: &'static str = "features";
     const VERSION: u32 = 2;
     const SPACE: Space = Space::PIXELS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Features);
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(|it| (it.covariance.trace() / 2.0).sqrt()).sum();

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraId, Interval, Message, Quality, Space, Time, Wire};
 
 /// What a head should do.
@@ -41,7 +42,7 @@ pub struct HeadCommand {
 impl Message for HeadCommand {
     const NAME: &'static str = "head_command";
     const SPACE: Space = Space::HEAD_ANGLES;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(HeadCommand);
 }
 
 /// How things are with a head.
@@ -107,7 +108,7 @@ impl HeadReport {
 impl Message for HeadReport {
     const NAME: &'static str = "head_report";
     const SPACE: Space = Space::HEAD_ANGLES;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(HeadReport);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.events.len() as u32), sigma: None }
@@ -144,7 +145,7 @@ pub struct HeadPose {
 impl Message for HeadPose {
     const NAME: &'static str = "head_pose";
     const SPACE: Space = Space::HEAD_ANGLES;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(HeadPose);
 
     fn quality(&self) -> Quality {
         let variance = self.angles_covariance.trace() / 2.0;

@@ -4,6 +4,7 @@ use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wire::portable;
 use crate::{CameraId, Message, Space, Wire};
 
 /// How the bytes of an [`Image`] are to be read.
@@ -91,7 +92,7 @@ impl Message for Image {
     const NAME: &'static str = "image";
     const VERSION: u32 = 2;
     const SPACE: Space = Space::PIXELS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Image);
 
     fn bulk(&self) -> &[u8] {
         &self.pixels

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraId, CameraSet, Message, Provenance, Quality, Space, Time, Wire};
 
 /// One mark at one time.
@@ -88,7 +89,7 @@ impl Marks {
 impl Message for Marks {
     const NAME: &'static str = "marks";
     const SPACE: Space = Space::WORLD_POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Marks);
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(Mark::sigma).sum();
@@ -134,7 +135,7 @@ impl MarkGuide {
 impl Message for MarkGuide {
     const NAME: &'static str = "mark_guide";
     const SPACE: Space = Space::PIXELS_OF_EACH;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(MarkGuide);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.cameras.iter().map(|it| it.1.len() as u32).sum()), sigma: None }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{Message, Quality, Space, Time, Wire};
 
 /// A corner of triangles.
@@ -118,7 +119,7 @@ impl Mesh {
 impl Message for Mesh {
     const NAME: &'static str = "mesh";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Mesh);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.n_vertices), sigma: (self.n_vertices > 0).then_some(self.mean_sigma) }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
+use crate::wire::portable;
 use crate::{Exchange, Interval, Message, Quality, Space, SpaceOwner, TargetId, Time, Wire};
 
 /// One pointer at one time.
@@ -132,7 +133,7 @@ impl Message for Pointers {
     const NAME: &'static str = "pointers";
     const VERSION: u32 = 2;
     const SPACE: Space = Space { owner: SpaceOwner::Scale, dimension: 2, unit: "m" };
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Pointers);
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(|it| it.sigma).sum();

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wire::portable;
 use crate::{CameraId, Interval, Message, Quality, Space, Time, Wire};
 
 /// One picture that a projector was told to show.
@@ -29,7 +30,7 @@ pub struct PatternShown {
 impl Message for PatternShown {
     const NAME: &'static str = "pattern_shown";
     const SPACE: Space = Space::NONE;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(PatternShown);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.count), sigma: None }

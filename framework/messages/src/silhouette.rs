@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, Window, Wire};
 
 /// What can be said of a whole silhouette.
@@ -62,7 +63,7 @@ impl Silhouette {
 impl Message for Silhouette {
     const NAME: &'static str = "silhouette";
     const SPACE: Space = Space::PIXELS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Silhouette);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.n_body), sigma: None }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraSet, Message, Provenance, Quality, Space, TargetId, Time, Wire};
 
 /// A joint of a body: see [`BODY_JOINTS`] for their names.
@@ -165,7 +166,7 @@ pub struct Skeletons {
 impl Message for Skeletons {
     const NAME: &'static str = "skeletons";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Skeletons);
 
     fn quality(&self) -> Quality {
         let sigmas: Vec<f64> = self.list.iter().flat_map(|it| &it.joints).map(SkeletonJoint::sigma).collect();

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, Wire};
 
 /// All pictures that one camera took of one set of patterns, of one size, a byte a pixel.
@@ -39,7 +40,7 @@ impl PatternPictures {
 impl Message for PatternPictures {
     const NAME: &'static str = "pattern_pictures";
     const SPACE: Space = Space::PIXELS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(PatternPictures);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.names.len() as u32), sigma: None }
@@ -115,7 +116,7 @@ impl ProjectorMap {
 impl Message for ProjectorMap {
     const NAME: &'static str = "projector_map";
     const SPACE: Space = Space::PIXELS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(ProjectorMap);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.n_known), sigma: None }

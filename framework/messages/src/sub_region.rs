@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraId, Interval, Message, Provenance, Quality, Space, TargetId, Time, Wire};
 
 /// What a sub-region selector follows: a ball about a target, in the space of the scale that the target lies in, which is the parent of the
@@ -40,7 +41,7 @@ impl SubRegion {
 impl Message for SubRegion {
     const NAME: &'static str = "sub_region";
     const SPACE: Space = Space::PARENT_POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(SubRegion);
 
     fn quality(&self) -> Quality {
         let variance = self.covariance.fixed_view::<3, 3>(0, 0).trace() / 3.0;
@@ -80,7 +81,7 @@ pub struct ScaleSpace {
 impl Message for ScaleSpace {
     const NAME: &'static str = "scale_space";
     const SPACE: Space = Space::STATED;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(ScaleSpace);
 
     fn quality(&self) -> Quality {
         let sigma = (self.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).max(0.0).sqrt();
@@ -105,7 +106,7 @@ impl Assignment {
 impl Message for Assignment {
     const NAME: &'static str = "assignment";
     const SPACE: Space = Space::NONE;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Assignment);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.list.len() as u32), sigma: None }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
+use crate::wire::portable;
 use crate::{CameraSet, Interval, Message, Quality, Space, Time, Wire};
 
 /// The identity of a target: lasts as long as the target does, and is not given out again.
@@ -78,7 +79,7 @@ pub struct Targets {
 impl Message for Targets {
     const NAME: &'static str = "targets";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Targets);
 
     fn quality(&self) -> Quality {
         let sum: f64 = self.list.iter().map(Target::position_sigma).sum();

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
+use crate::wire::portable;
 use crate::{CameraSet, Message, Provenance, Quality, Space, Time, Wire};
 
 /// One point at one time.
@@ -93,7 +94,7 @@ impl TrackedSurface {
 impl Message for TrackedSurface {
     const NAME: &'static str = "tracked_surface";
     const SPACE: Space = Space::WORLD_POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(TrackedSurface);
 
     fn quality(&self) -> Quality {
         let n = self.list.len();

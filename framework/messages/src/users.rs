@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::wire::portable;
 use crate::{Message, Quality, Space, TargetId, Time, Wire};
 
 /// Whose a target is.
@@ -44,7 +45,7 @@ impl Users {
 impl Message for Users {
     const NAME: &'static str = "users";
     const SPACE: Space = Space::NONE;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Users);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.list.len() as u32), sigma: None }

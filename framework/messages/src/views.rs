@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::Numbers;
+use crate::wire::portable;
 use crate::{Message, Quality, Space, Time, Wire};
 
 /// The view of one eye on one tile.
@@ -46,7 +47,7 @@ pub struct Views {
 impl Message for Views {
     const NAME: &'static str = "views";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Views);
 
     fn quality(&self) -> Quality {
         Quality { count: Some(self.tiles.len() as u32), sigma: None }

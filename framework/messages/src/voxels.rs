@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::schema::{Numbers, Pose};
+use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, TargetId, Time, Wire};
 
 /// One cube that may be body.
@@ -184,7 +185,7 @@ impl Voxels {
 impl Message for Voxels {
     const NAME: &'static str = "voxels";
     const SPACE: Space = Space::POINTS;
-    const WIRE: Wire = Wire::portable::<Self>();
+    const WIRE: Wire = portable!(Voxels);
 
     fn quality(&self) -> Quality {
         // A surface lies anywhere in its cube: a uniform distribution.

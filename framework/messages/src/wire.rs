@@ -15,7 +15,7 @@ pub enum Wire {
     /// A handle on something in this process: never recorded or sent.
     Local,
     /// Written and read by these functions.
-    Portable(Codec),
+    Portable(&'static Codec),
 }
 
 /// Writes and reads one type of message. Bulk data travels beside it: [`Message::bulk`].
@@ -32,7 +32,7 @@ type Read =
 impl Wire {
     /// Of a type that serde writes and reads.
     pub const fn portable<T: Message + Serialize + DeserializeOwned + JsonSchema>() -> Wire {
-        Wire::Portable(Codec { schema: schema::<T>, view: view::<T>, read: read::<T> })
+        Wire::Portable(const { &Codec::of::<T>() })
     }
 
     /// Its functions, where it is portable.
@@ -44,7 +44,20 @@ impl Wire {
     }
 }
 
+/// As [`Wire::portable`], of one type: its functions are compiled in this crate, and not again in each that names the message.
+macro_rules! portable {
+    ($message:ty) => {{
+        static CODEC: $crate::wire::Codec = $crate::wire::Codec::of::<$message>();
+        $crate::wire::Wire::Portable(&CODEC)
+    }};
+}
+pub(crate) use portable;
+
 impl Codec {
+    pub(crate) const fn of<T: Message + Serialize + DeserializeOwned + JsonSchema>() -> Self {
+        Self { schema: schema::<T>, view: view::<T>, read: read::<T> }
+    }
+
     /// JSON Schema of what [`Codec::view`] shows.
     pub fn schema(&self) -> Schema {
         (self.schema)()
