@@ -17,6 +17,7 @@ pub mod bench;
 pub mod detector;
 pub mod error;
 pub mod figure;
+mod given;
 pub mod guard;
 pub mod io;
 pub mod library;

@@ -8,6 +8,7 @@ use schemars::Schema;
 
 use crate::error::{ConfigError, NodeError};
 use crate::figure::{self, Figures};
+use crate::given;
 use crate::io::Io;
 use crate::library::{OpenLibrary, Origin};
 use crate::node::{Due, Node, Plan, Role};
@@ -44,18 +45,17 @@ pub struct NodeType {
 }
 
 impl NodeType {
-    /// Reads the settings of a node of this type out of any format.
+    /// Reads the settings of a node of this type.
     ///
     /// # Errors
     /// What cannot be read, with the dotted path of the setting.
-    pub fn decode(&self, given: &mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> {
+    pub fn decode(&self, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
         (self.decoder)(given)
     }
 }
 
 /// Reads the settings of a node type.
-pub type Decode =
-    dyn Fn(&mut dyn erased_serde::Deserializer<'_>) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
+pub type Decode = dyn Fn(toml::Table) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
 
 /// Makes a node out of its settings.
 type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
@@ -134,16 +134,8 @@ impl<N: Node> Settings for SettingsOf<N> {
     }
 }
 
-fn decode<N: Node>(
-    given: &mut dyn erased_serde::Deserializer<'_>,
-    make: &Arc<Make<N>>,
-) -> Result<Box<dyn Settings>, ConfigError> {
-    let given = serde_path_to_error::deserialize(given).map_err(|error| {
-        let path = error.path().to_string();
-        // A lone dot is the path of the whole.
-        let setting = (path != ".").then(|| path.replace('[', ".").replace(']', ""));
-        ConfigError { setting, message: error.into_inner().to_string() }
-    })?;
+fn decode<N: Node>(given: toml::Table, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, ConfigError> {
+    let given = given::read(&toml::Value::Table(given))?;
     Ok(Box::new(SettingsOf::<N> { given, make: Arc::clone(make) }))
 }
 

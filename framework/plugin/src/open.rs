@@ -138,13 +138,8 @@ fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
     }
 }
 
-fn decode(
-    name: &'static str,
-    parse: Parse,
-    given: &mut dyn erased_serde::Deserializer<'_>,
-) -> Result<Box<dyn Settings>, ConfigError> {
-    let table: toml::Table = erased_serde::deserialize(given).map_err(ConfigError::node)?;
-    let inside = on_this_side(parse(&tagged(name, table)))?;
+fn decode(name: &'static str, parse: Parse, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
+    let inside = on_this_side(parse(&tagged(name, given)))?;
     let resolved: toml::Table = toml::from_str(inside.text()).map_err(|error| ConfigError::node(error.message()))?;
     let resolved = match resolved.into_iter().next() {
         Some((_, toml::Value::Table(table))) => table,

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use foveate_estimation::random::Random;
 use foveate_messages::CameraId;
 use foveate_scene::calibration::Calibration;
+use serde::Deserialize;
 use toml::de::DeTable;
 
 use super::node_text::NodeText;
@@ -280,8 +281,15 @@ fn decode(
         return None;
     }
     let whole = toml::Spanned::new(0..0, toml::de::DeValue::Table(given.clone()));
-    let mut format = <dyn erased_serde::Deserializer<'_>>::erase(toml::de::ValueDeserializer::from(whole));
-    let decoded = guarded(|| node_type.decode(&mut format))
+    let table = match toml::Table::deserialize(toml::de::ValueDeserializer::from(whole)) {
+        Ok(table) => table,
+        Err(error) => {
+            let place = error.span().filter(|it| !it.is_empty()).unwrap_or_else(|| text.header.clone());
+            findings.error(place, format_args!("`{}` cannot read its settings", node_type.name), error.message());
+            return None;
+        }
+    };
+    let decoded = guarded(|| node_type.decode(table))
         .unwrap_or_else(|said| Err(ConfigError::node(format_args!("the node {said}: a mistake in its program"))));
     match decoded {
         Ok(settings) => Some(Arc::from(settings)),
