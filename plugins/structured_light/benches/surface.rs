@@ -37,7 +37,7 @@ fn model() -> Model {
         start_sigmas: [0.01, 0.07],
         max_pose_sigma_m: 0.0,
         keep_s: 0.0,
-        registration: RegistrationOptions::default(),
+        registration: Some(RegistrationOptions::default()),
         max_bytes: 1_000_000_000,
     })
 }

@@ -14,7 +14,7 @@ use crate::measure::{Measurer, Sample, plane_warp};
 use crate::repeats::Repeats;
 use crate::seeds::{SeedCounts, find_seeds};
 use crate::settings::{NamedSeed, Prepared};
-use crate::views::Moment;
+use crate::views::{Moment, View};
 
 /// Matches surfaces; counts what it does.
 #[derive(Debug)]
@@ -47,6 +47,12 @@ const FACING: f64 = 0.5;
 /// and of points that lie so a larger part than this is seen unless something is wrong [–].
 const UNSEEN: f64 = 0.5;
 
+/// Points of smooth surfaces that neighbours disown are a hundredth; where they are more than this part, it is said [–].
+const ALONE: f64 = 0.3;
+
+/// A camera sees another side of a thing than the reference does from 75° on, as the cosine [–].
+const ASIDE: f64 = 0.26;
+
 /// Cameras that see one surface stand nearer to each other [m].
 const FAR_APART_M: f64 = 20.0;
 
@@ -77,7 +83,8 @@ impl Engine {
 
     /// Takes a set of pictures, each as a pyramid of `n_levels`; those that cannot be used are named.
     pub fn take(&mut self, moment: &mut Moment, images: &[Stamped<Arc<Image>>], n_levels: usize) -> Vec<String> {
-        let Self { prepared, in_step, .. } = self;
+        let Self { prepared, in_step, contradicted, .. } = self;
+        *contradicted = 0;
         let (stuck, mut faults) = in_step.stuck(&prepared.views, images);
         let shown: Vec<_> = images.iter().filter(|it| !stuck.contains(&it.value.camera)).cloned().collect();
         faults.extend(moment.take(&prepared.views, &shown, n_levels));
@@ -122,11 +129,23 @@ impl Engine {
         self.given = (self.given.0 + 1, self.given.1 + u64::from(is_unseen));
     }
 
+    /// Takes another of the references.
+    pub fn look_from(&mut self, number: usize) {
+        let (reference, distance_m) = self.prepared.references[number];
+        self.prepared.reference = reference;
+        self.prepared.seeds.distance_m = distance_m;
+    }
+
+    /// Whether somebody named seeds that the reference sees.
+    pub fn is_named(&self) -> bool {
+        self.prepared.named.iter().flatten().any(|it| it.0 == self.prepared.reference)
+    }
+
     /// Seeds of a moment: those that were named, or found.
     pub fn begin(&mut self, moment: &Moment) -> Vec<Sample> {
         self.begun += 1;
         let Prepared { views, reference, measure, seeds, named, .. } = &self.prepared;
-        if named.is_empty() {
+        if !self.is_named() {
             let (found, counts) = find_seeds(&mut self.measurer, views, moment, *reference, measure, seeds);
             self.seeds.tried += counts.tried;
             self.seeds.ambiguous += counts.ambiguous;
@@ -137,7 +156,8 @@ impl Engine {
             return found;
         }
         let mut samples = Vec::new();
-        for (number, seed) in named.iter().enumerate() {
+        let seen = |it: &(usize, &NamedSeed)| it.1.iter().any(|it| it.0 == *reference);
+        for (number, seed) in named.iter().enumerate().filter(seen) {
             self.seeds.tried += 1;
             match named_sample(&mut self.measurer, &self.prepared, moment, seed) {
                 Ok(sample) => {
@@ -156,7 +176,6 @@ impl Engine {
     /// lie at another depth.
     pub fn grow(&mut self, moment: &Moment, seeds: &[Sample], are_known: bool) -> Vec<Covered> {
         let Prepared { views, reference, measure, cover: options, .. } = &self.prepared;
-        self.contradicted = 0;
         let (mut found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
         self.left_out.alone += left_out.alone;
         self.left_out.disordered += left_out.disordered;
@@ -255,6 +274,15 @@ impl Engine {
                 100.0 * misfits / attempts
             ));
         }
+        let alone = self.left_out.alone as f64 / self.measurer.measured as f64;
+        if alone > ALONE {
+            report.remark(format!(
+                "{:.0} % of the points that were measured were left out, for few of their neighbours lie on one plane with them to {} of the distance (`step`), beyond what they are known to: where the surface \
+                 bends so much from point to point, a smaller `spacing_px` or a larger `step` keeps them; where it does not, cameras are not as they were calibrated, or texture is poor",
+                100.0 * alone,
+                self.prepared.cover.step
+            ));
+        }
         self.in_step.report(report);
         self.units().into_iter().for_each(|it| report.remark(it));
         let unseen = self.given.1 as f64 / self.given.0 as f64;
@@ -293,6 +321,21 @@ impl Engine {
             "the reference and the camera nearest to it stand {nearest:.0} m apart by their calibration, and speeds, distances and errors are as large: is it in millimetres \
              (`foveate convert --metres-per-unit 0.001`)?"
         ))
+    }
+
+    /// Cameras that see sides of which the reference sees nothing, where there is one reference.
+    pub fn other_sides(&self) -> Option<String> {
+        let Prepared { views, reference, references, .. } = &self.prepared;
+        let axis = |it: &View| it.camera.camera_from_world.inverse() * Vector3::z();
+        let from = &views[*reference];
+        let is_aside = |it: &&View| axis(it).dot(&axis(from)) < ASIDE;
+        let n = views.iter().filter(is_aside).count();
+        (references.len() == 1 && n > 0).then(|| {
+            format!(
+                "{n} cameras look from another side than the reference, `{}`, does, and what it does not see is not measured",
+                from.name
+            )
+        })
     }
 
     /// Why no point was given out, as what became of the seeds says it.

@@ -25,7 +25,7 @@ figures! {
     "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
     "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
     "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
-    "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
+    "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a cloud, mean over the clouds";
     "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it and cameras that contradict each other";
 }
 
@@ -33,6 +33,7 @@ figures! {
 pub struct Matcher {
     engine: Engine,
     moment: Moment,
+    moments: u64,
     points: u64,
     sigmas: f64,
     coverages: Vec<f64>,
@@ -56,7 +57,7 @@ impl Node for Matcher {
     fn new(settings: SurfaceSettings, setup: &Setup) -> Result<Self, ConfigError> {
         let engine = Engine::new(settings.prepare(setup)?);
         let (moment, coverages, faults) = (Moment::default(), Vec::new(), Vec::new());
-        Ok(Self { engine, moment, points: 0, sigmas: 0.0, coverages, faults })
+        Ok(Self { engine, moment, moments: 0, points: 0, sigmas: 0.0, coverages, faults })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -64,22 +65,40 @@ impl Node for Matcher {
         let Some(time) = images.iter().map(Stamped::time).max() else { return Ok(()) };
         let n_levels = self.engine.prepared.seeds.n_levels;
         self.faults.extend(self.engine.take(&mut self.moment, &images, n_levels));
-        if let Some(why) = missing(&self.engine, &self.moment) {
+        self.moments += 1;
+        let n_references = self.engine.prepared.references.len();
+        let mut surfaces = Vec::new();
+        for number in 0..n_references {
+            self.engine.look_from(number);
+            if let Some(why) = missing(&self.engine, &self.moment) {
+                io.gap(&CLOUD, time, why);
+                continue;
+            }
+            let seeds = self.engine.begin(&self.moment);
+            let is_named = self.engine.is_named();
+            surfaces.push((number, self.engine.grow(&self.moment, &seeds, is_named)));
+        }
+        let points = || surfaces.iter().flat_map(|it| &it.1);
+        if surfaces.is_empty() {
+            return Ok(());
+        }
+        if let Some(why) = self.engine.give(points().map(|it| (&it.sample, &it.normal))) {
             io.gap(&CLOUD, time, why);
             return Ok(());
         }
-        let seeds = self.engine.begin(&self.moment);
-        let surface = self.engine.grow(&self.moment, &seeds, !self.engine.prepared.named.is_empty());
-        if let Some(why) = self.engine.give(surface.iter().map(|it| (&it.sample, &it.normal))) {
-            io.gap(&CLOUD, time, why);
-            return Ok(());
-        }
-        let samples: Vec<&Sample> = surface.iter().map(|it| &it.sample).collect();
+        let samples: Vec<&Sample> = points().map(|it| &it.sample).collect();
         let places = self.engine.straightened(&samples);
-        self.points += surface.len() as u64;
+        self.points += samples.len() as u64;
         self.sigmas += self.engine.widened().sqrt() * places.iter().map(|it| sigma(&it.1)).sum::<f64>();
-        self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
-        io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, &surface, &places, String::new()));
+        let mut places = &places[..];
+        for (number, surface) in &surfaces {
+            self.engine.look_from(*number);
+            self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
+            let own;
+            (own, places) = places.split_at(surface.len());
+            let name = if n_references > 1 { self.moments.to_string() } else { String::new() };
+            io.emit_at(&CLOUD, time, self.engine.cloud(&self.moment, surface, own, name));
+        }
         Ok(())
     }
 
@@ -88,6 +107,9 @@ impl Node for Matcher {
         report.figure("surface.points", self.points as f64);
         report.figure("surface.sigma_mm", 1e3 * self.sigmas / self.points as f64);
         report.figure("surface.coverage", self.coverages.iter().sum::<f64>() / self.coverages.len() as f64);
+        if let Some(sides) = self.engine.other_sides() {
+            report.remark(format!("{sides}; `reference = \"*\"` gives a cloud of what each camera sees"));
+        }
         tell(&mut self.faults, report);
         Ok(())
     }

@@ -3,6 +3,7 @@
 use foveate::imaging::matching::{MAX_REACH, MatchOptions};
 use foveate::prelude::*;
 use foveate::scene::Calibration;
+use foveate::scene::selection::matches;
 use nalgebra::{Point2, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,7 +20,8 @@ use crate::views::View;
 pub struct SurfaceSettings {
     /// Cameras that look at the surface, a pattern with `*` and `?` [–]
     pub cameras: String,
-    /// The camera whose patches are looked for in the others; empty: the one whose direction is nearest to the mean of all [–]
+    /// The camera whose patches are looked for in the others; empty: the one whose direction is nearest to the mean of all. Of `surface.matcher` a pattern with `*` and `?`: each of
+    /// these cameras gives a cloud of what it sees, as cameras all around need it [–]
     pub reference: String,
     /// Side of a patch, odd. Larger ones are better known and coarser; 13 as in [D'Apuzzo 1999] [px]
     #[schemars(range(min = 7, max = 63))]
@@ -117,8 +119,10 @@ pub type NamedSeed = Vec<(usize, [f64; 2])>;
 pub struct Prepared {
     /// The cameras.
     pub views: Vec<View>,
-    /// Which of them is the reference.
+    /// Which of them is the reference now.
     pub reference: usize,
+    /// All that are, by turns, and the nearest and farthest distance from each at which seeds are looked for [m].
+    pub references: Vec<(usize, [f64; 2])>,
     /// Of a point.
     pub measure: MeasureOptions,
     /// Of the surface.
@@ -180,38 +184,20 @@ impl SurfaceSettings {
                 format_args!("found {n} cameras of this name in the calibration, expected at least {}", self.min_views),
             ));
         }
-        let reference = match self.reference.as_str() {
-            "" => middle_of(&views),
-            name => views.iter().position(|it| it.name == name).ok_or_else(|| {
-                let names: Vec<&str> = views.iter().map(|it| it.name.as_str()).collect();
-                ConfigError::at("reference", format_args!("found `{name}`, expected one of {}", names.join(", ")))
-            })?,
+        let references: Vec<usize> = match self.reference.as_str() {
+            "" => vec![middle_of(&views)],
+            pattern => (0..views.len()).filter(|it| matches(pattern, &views[*it].name)).collect(),
         };
-        let distance_m = match (self.distance_m, setup.volume_m) {
-            (Some([near, far]), _) => {
-                if !(near >= NEAREST_M && far > near && far.is_finite()) {
-                    return Err(ConfigError::at(
-                        "distance_m",
-                        format_args!(
-                            "found [{near}, {far}], expected the nearer one, more than {NEAREST_M}, and a farther one"
-                        ),
-                    ));
-                }
-                [near, far]
-            }
-            (None, Some(volume)) => distances(&views[reference], volume).ok_or_else(|| {
-                let name = &views[reference].name;
-                ConfigError::node(format_args!(
-                    "`{name}` does not see the scale's volume, expected it before the camera"
-                ))
-            })?,
-            (None, None) => {
-                return Err(ConfigError::at(
-                    "distance_m",
-                    "found none and no `volume_m` of the scale, expected one of them: where seeds are looked for",
-                ));
-            }
-        };
+        if references.is_empty() {
+            let names: Vec<&str> = views.iter().map(|it| it.name.as_str()).collect();
+            let message = format_args!("found `{}`, expected one of {}", self.reference, names.join(", "));
+            return Err(ConfigError::at("reference", message));
+        }
+        let references = references
+            .into_iter()
+            .map(|it| Ok((it, self.distances(&views[it], setup)?)))
+            .collect::<Result<Vec<_>, ConfigError>>()?;
+        let (reference, distance_m) = references[0];
         let mut named = Vec::new();
         for seed in &self.seeds {
             let mut places: NamedSeed = Vec::new();
@@ -225,11 +211,15 @@ impl SurfaceSettings {
                 })?;
                 places.push((view, *pixel));
             }
-            if places.len() < 2 || places.iter().all(|it| it.0 != reference) {
-                let name = &views[reference].name;
+            if places.len() < 2 || references.iter().all(|of| places.iter().all(|it| it.0 != of.0)) {
+                let names: Vec<String> = references.iter().map(|it| format!("`{}`", views[it.0].name)).collect();
                 return Err(ConfigError::at(
                     "seeds",
-                    format_args!("found a seed in {} cameras, expected `{name}` and at least one other", places.len()),
+                    format_args!(
+                        "found a seed in {} cameras, expected {} and at least one other",
+                        places.len(),
+                        names.join(" or ")
+                    ),
                 ));
             }
             named.push(places);
@@ -269,9 +259,33 @@ impl SurfaceSettings {
                 distance_m,
             },
             reference,
+            references,
             views,
             named,
         })
+    }
+
+    /// Nearest and farthest distance from a reference at which seeds are looked for [m].
+    fn distances(&self, reference: &View, setup: &Setup) -> Result<[f64; 2], ConfigError> {
+        match (self.distance_m, setup.volume_m) {
+            (Some([near, far]), _) if near >= NEAREST_M && far > near && far.is_finite() => Ok([near, far]),
+            (Some([near, far]), _) => Err(ConfigError::at(
+                "distance_m",
+                format_args!(
+                    "found [{near}, {far}], expected the nearer one, more than {NEAREST_M}, and a farther one"
+                ),
+            )),
+            (None, Some(volume)) => distances(reference, volume).ok_or_else(|| {
+                ConfigError::node(format_args!(
+                    "`{}` does not see the scale's volume, expected it before the camera",
+                    reference.name
+                ))
+            }),
+            (None, None) => Err(ConfigError::at(
+                "distance_m",
+                "found none and no `volume_m` of the scale, expected one of them: where seeds are looked for",
+            )),
+        }
     }
 }
 

@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use crate::settings::SurfaceSettings;
 use crate::{matcher, tracker};
 
+mod around;
 mod bad_input;
 mod edges;
 mod hidden;

@@ -239,6 +239,12 @@ impl Node for Tracker {
             Some(name) => ConfigError::at(&format!("surface.{name}"), it.message),
             None => it,
         })?;
+        if let n @ 2.. = prepared.references.len() {
+            return Err(ConfigError::at(
+                "surface.reference",
+                format_args!("found a name of {n} cameras, expected one: points are followed in its pictures"),
+            ));
+        }
         let mut matching = prepared.measure.matching;
         matching.min_correlation = settings.min_correlation;
         let mut held = prepared.measure.clone();
@@ -389,6 +395,9 @@ impl Node for Tracker {
             report.figure(format!("step_mm.{name}"), 1e3 * mean[axis]);
         }
         report.figure("step_mm.spread", 1e3 * self.steps.iter().map(|it| it.spread).sum::<f64>() / n);
+        if let Some(sides) = self.engine.other_sides() {
+            report.remark(format!("{sides}; expected a tracker for each side (`surface.reference`)"));
+        }
         tell(&mut self.faults, report);
         Ok(())
     }
@@ -491,7 +500,7 @@ impl Tracker {
         if !self.renew && n_before > 0 {
             return Vec::new();
         }
-        let are_known = n_before > 0 || !self.engine.prepared.named.is_empty();
+        let are_known = n_before > 0 || self.engine.is_named();
         let mut surface = self.engine.grow(moment, &seeds, are_known);
         if n_before > 0 {
             let Prepared { views, reference, cover, .. } = &self.engine.prepared;

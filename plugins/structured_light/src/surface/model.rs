@@ -22,8 +22,8 @@ pub struct ModelOptions {
     pub max_pose_sigma_m: f64,
     /// After how long a cloud counts 1/e of what it did; 0: each counts for good [s].
     pub keep_s: f64,
-    /// What registration is to be content with.
-    pub registration: RegistrationOptions,
+    /// What registration is to be content with; `None`: each cloud lies where it is said to.
+    pub registration: Option<RegistrationOptions>,
     /// Of the distance field and of the patches together [bytes].
     pub max_bytes: usize,
 }
@@ -46,7 +46,7 @@ pub struct Joined {
     pub surface_from_cloud: Isometry3<f64>,
     /// Of δ in `surface_from_cloud`⁻¹ ∘ exp(δ): an error of where the surface lies as that cloud saw it, (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// `None` for the cloud that the surface began with.
+    /// `None` for the cloud that the surface began with, and for those that lie where they are said to.
     pub registration: Option<Registration>,
     /// Points that are in the surface now.
     pub n_fused: usize,
@@ -140,12 +140,12 @@ impl Model {
         self.grown.as_ref().map_or_else(TriangleMesh::default, |it| it.field.mesh(options))
     }
 
-    /// Registers a cloud and takes it in. `covariance`: of where the scale's space is, about the points' middle, beside `start_sigmas`.
+    /// Registers a cloud, unless it lies where it is said to, and takes it in. `covariance`: of where the scale's space is, about the points' middle, beside `start_sigmas`.
     ///
     /// # Errors
     /// See [`Refusal`]: the surface is as it was.
     pub fn join(&mut self, mut piece: Piece, covariance: &Matrix6<f64>) -> Result<Joined, Refusal> {
-        let min = self.options.registration.min_pairs;
+        let min = self.options.registration.map_or(1, |it| it.min_pairs);
         if piece.points.len() < min {
             let count = piece.points.len();
             return Err(Refusal::Unregistered(RegistrationError::TooFewPoints { count, expected: min }));
@@ -159,12 +159,13 @@ impl Model {
             to.0 = SurfacePoint { covariance: from.covariance * (scatter * scatter), ..from };
         }
 
-        let (registration, covariance) = match &self.grown {
-            Some(grown) => {
-                let (found, covariance) = self.registered(grown, &piece, covariance)?;
+        let (registration, covariance) = match (&self.grown, &self.options.registration) {
+            (Some(grown), Some(options)) => {
+                let (found, covariance) = self.registered(grown, options, &piece, covariance)?;
                 (Some(found), covariance)
             }
-            None => {
+            (Some(_), None) => (None, *covariance),
+            (None, _) => {
                 let count = piece.points.len() - n_without_normal;
                 if count < min {
                     return Err(Refusal::Unregistered(RegistrationError::TooFewPoints { count, expected: min }));
@@ -214,6 +215,7 @@ impl Model {
     fn registered(
         &self,
         grown: &Grown,
+        options: &RegistrationOptions,
         piece: &Piece,
         covariance: &Matrix6<f64>,
     ) -> Result<(Registration, Matrix6<f64>), Refusal> {
@@ -225,7 +227,6 @@ impl Model {
         let [shift, turn] = self.options.start_sigmas.map(|it| it * it);
         let start_covariance = covariance + Matrix6::from_diagonal(&[turn, turn, turn, shift, shift, shift].into());
         let start = grown.surface_from_cloud * middle;
-        let options = &self.options.registration;
         let found = register(&points, &grown.patches, &start, &start_covariance, options);
         let mut found = found.map_err(Refusal::Unregistered)?;
         let expected_m = match self.options.max_pose_sigma_m {

@@ -55,6 +55,8 @@ pub struct SurfaceSettings {
     /// And for no longer than so, in which the target's own track is smoother than what registration would find [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub gather_ms: f64,
+    /// Whether clouds are registered to the surface; `false`: they lie where their cameras and the target's place have them, as those of calibrated cameras all around a thing do [–]
+    pub register: bool,
     /// How far a cloud may be from where the last one and the target's place have it, standard deviation an axis: of the target's own turns too [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub start_sigma_mm: f64,
@@ -94,6 +96,7 @@ impl Default for SurfaceSettings {
             truncation: 4.0,
             gather_points: 3000,
             gather_ms: 100.0,
+            register: true,
             start_sigma_mm: 10.0,
             start_sigma_deg: 4.0,
             max_pose_sigma_mm: 0.0,
@@ -194,7 +197,7 @@ impl Node for JoinedSurface {
             start_sigmas: [1e-3 * settings.start_sigma_mm, settings.start_sigma_deg.to_radians()],
             max_pose_sigma_m: 1e-3 * settings.max_pose_sigma_mm,
             keep_s: 1e-3 * settings.keep_ms,
-            registration,
+            registration: settings.register.then_some(registration),
             max_bytes: settings.max_memory_mb * 1_000_000,
         });
         Ok(Self {

@@ -68,7 +68,7 @@ fn options() -> ModelOptions {
         start_sigmas: [0.005, 0.05],
         max_pose_sigma_m: 0.0,
         keep_s: 0.0,
-        registration: RegistrationOptions::default(),
+        registration: Some(RegistrationOptions::default()),
         max_bytes: 200_000_000,
     }
 }
@@ -113,6 +113,28 @@ fn a_thing_that_moves_and_turns_is_one_surface_and_nothing_drifts() {
     assert!(rms < 0.5 * SIGMA && n > 12_000, "{rms} {n}");
 }
 
+#[test]
+fn clouds_of_sides_that_do_not_meet_are_one_surface_where_they_lie_as_they_are_said_to() {
+    let mut random = Random::new(5);
+    let sides: [Vec<SurfacePoint>; 2] = {
+        let (left, right) = full(0.0006, false, &mut random).into_iter().partition(|it| it.position.x < 0.0);
+        [left, right]
+    };
+    let joined = |registration: Option<RegistrationOptions>| {
+        let mut model = Model::new(ModelOptions { registration, ..options() });
+        let cloud = |it: &[SurfacePoint]| piece(it, &Isometry3::identity());
+        let first = model.join(cloud(&sides[0]), &Matrix6::identity()).map(|_| ());
+        let second = model.join(cloud(&sides[1]), &Matrix6::identity()).map(|it| it.surface_from_cloud);
+        assert!(first.is_ok(), "{first:?}");
+        (second, rms(&model))
+    };
+    let (refused, (_, half)) = joined(Some(RegistrationOptions::default()));
+    assert!(refused.is_err());
+    let (lies, (rms, whole)) = joined(None);
+    assert_eq!(lies, Ok(Isometry3::identity()));
+    assert!(rms < 1.1 * SIGMA && whole > 3 * half / 2, "{rms} {half} {whole}");
+}
+
 /// The face, with a bump 2 mm high on its cheek.
 fn full_with_bump(random: &mut Random) -> Vec<SurfacePoint> {
     let mut points = full(0.0012, false, random);
@@ -128,7 +150,7 @@ fn what_changes_its_shape_is_as_it_is_now_where_clouds_count_for_a_while_only() 
     let bump_mm = |keep_s: f64| {
         let mut random = Random::new(8);
         let registration = RegistrationOptions { max_misfit: 50.0, ..RegistrationOptions::default() };
-        let mut model = Model::new(ModelOptions { keep_s, registration, ..options() });
+        let mut model = Model::new(ModelOptions { keep_s, registration: Some(registration), ..options() });
         for number in 0..20 {
             let points = if number < 10 { full(0.0012, false, &mut random) } else { full_with_bump(&mut random) };
             let piece = Piece { time_s: 0.1 * f64::from(number), ..piece(&points, &Isometry3::identity()) };
