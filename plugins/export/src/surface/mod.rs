@@ -7,12 +7,15 @@
 //! | `NAME_shaded.png` | the bare surface from the front, lit from the upper left |
 //! | `NAME_range.png` | 16 bits a pixel: distance from a plane before the surface in units of `range_unit_mm`; 0 where there is none |
 //!
+//! With `each`, every surface that comes is written, as `NAME_0001` and so on, one to a moment; their pictures are taken from the front of the first one.
+//!
 //! From the front is from where the surface faces on the whole, and where it is closed from where the cameras of the calibration stand (the first one, where they stand all around); pictures have no perspective.
 
 mod view;
 
 use std::sync::Arc;
 
+use foveate::estimation::statistics::median;
 use foveate::prelude::*;
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -21,14 +24,14 @@ use serde::{Deserialize, Serialize};
 use crate::cloud::encoded;
 use crate::gltf::mesh_glb;
 use crate::whole_file::WholeFile;
-use view::View;
+use view::Frame;
 
 ports! {
     SURFACE: In<Mesh> = each("surface");
 }
 
 figures! {
-    "export.triangles": count, neither, "Triangles of the surface that was written";
+    "export.triangles": count, neither, "Triangles of the surface that was written, of each the median";
 }
 
 /// Settings of [`ExportSurface`].
@@ -43,6 +46,11 @@ pub struct ExportSurfaceSettings {
     pub glb: bool,
     /// Whether a range and a shaded picture are written [–]
     pub pictures: bool,
+    /// Whether every surface is written, numbered, and not the last one alone: for what changes its shape, with `each_moment` of `structured_light.surface` [–]
+    pub each: bool,
+    /// Surfaces that are written then, at most [–]
+    #[schemars(range(min = 1, max = 100000))]
+    pub max_surfaces: u64,
     /// Height of the pictures [px]
     #[schemars(range(min = 16, max = 8192))]
     pub height_px: u32,
@@ -53,15 +61,30 @@ pub struct ExportSurfaceSettings {
 
 impl Default for ExportSurfaceSettings {
     fn default() -> Self {
-        Self { name: "surface".to_owned(), ply: true, glb: true, pictures: true, height_px: 900, range_unit_mm: 0.01 }
+        Self {
+            name: "surface".to_owned(),
+            ply: true,
+            glb: true,
+            pictures: true,
+            each: false,
+            max_surfaces: 1000,
+            height_px: 900,
+            range_unit_mm: 0.01,
+        }
     }
 }
 
-/// The last surface of a run in, files out.
+/// Surfaces in, files of the last one or of each out.
 pub struct ExportSurface {
     settings: ExportSurfaceSettings,
     file: WholeFile,
     last: Option<Arc<Mesh>>,
+    /// Surfaces that are written, and those that are one too many.
+    written: u64,
+    left_out: u64,
+    triangles: Vec<f64>,
+    frame: Option<Frame>,
+    report: Report,
     /// Where the cameras stand [m].
     cameras: Vec<Point3<f64>>,
 }
@@ -69,7 +92,8 @@ pub struct ExportSurface {
 impl Node for ExportSurface {
     const TYPE: &'static str = "export.surface";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes a surface as PLY and GLB, and a range and a shaded picture of it";
+    const SUMMARY: &'static str =
+        "Writes the surface of a run, or each, as PLY and GLB, and a range and a shaded picture of it";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportSurfaceSettings;
 
@@ -80,40 +104,85 @@ impl Node for ExportSurface {
     fn new(settings: ExportSurfaceSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("height_px", settings.height_px, 16..=8192)?;
         ConfigError::unless_in("range_unit_mm", settings.range_unit_mm, 1e-4..=1000.0)?;
+        ConfigError::unless_in("max_surfaces", settings.max_surfaces, 1..=100_000)?;
+        let first = if settings.each { numbered(&settings.name, 1) } else { settings.name.clone() };
         for ending in [".ply", ".glb", "_range.png", "_shaded.png"] {
-            setup.claim_named_file("name", &format!("{}{ending}", settings.name))?;
+            setup.claim_named_file("name", &format!("{first}{ending}"))?;
         }
         let cameras = setup.calibration.cameras.iter().map(|it| it.camera.centre()).collect();
-        Ok(Self { file: WholeFile::new(setup, &settings.name), settings, last: None, cameras })
+        Ok(Self {
+            file: WholeFile::new(setup, &settings.name),
+            settings,
+            last: None,
+            written: 0,
+            left_out: 0,
+            triangles: Vec::new(),
+            frame: None,
+            report: Report::default(),
+            cameras,
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         while let Some(mesh) = io.take(&SURFACE) {
-            self.last = Some(mesh.value);
+            let before = self.last.replace(mesh.value);
+            // A surface that comes again is more of the same moment.
+            if let Some(before) = before.filter(|it| self.settings.each && it.time != mesh.stamp.time) {
+                self.write(&before)?;
+            }
         }
         Ok(())
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        let name = self.settings.name.clone();
         let Some(mesh) = self.last.take() else {
-            report.remark(format!("No surface came: no `{}` was written.", self.settings.name));
+            report.remark(format!("No surface came: no `{name}` was written."));
             return Ok(());
         };
-        report.figure("export.triangles", mesh.triangles().count() as f64);
+        let written = self.write(&mesh);
+        report.files.append(&mut self.report.files);
+        written?;
+        if let Some(middle) = median(&self.triangles) {
+            report.figure("export.triangles", middle);
+        }
+        if self.left_out > 0 && self.file.is_wanted() {
+            let (n, all) = (self.settings.max_surfaces, self.settings.max_surfaces + self.left_out);
+            report.remark(format!("of {all} surfaces the first {n} are written, as `max_surfaces = {n}` says"));
+        }
+        Ok(())
+    }
+}
+
+impl ExportSurface {
+    fn write(&mut self, mesh: &Mesh) -> Result<(), NodeError> {
+        if self.written >= self.settings.max_surfaces {
+            self.left_out += 1;
+            return Ok(());
+        }
+        self.written += 1;
+        self.triangles.push(mesh.triangles().count() as f64);
         if !self.file.is_wanted() {
             return Ok(());
         }
-        let name = &self.settings.name;
+        let name = match self.settings.each {
+            true => numbered(&self.settings.name, self.written),
+            false => self.settings.name.clone(),
+        };
+        let report = &mut self.report;
         let mut put = |ending: &str, bytes: &[u8]| self.file.named(format!("{name}{ending}")).write(bytes, report);
         if self.settings.ply {
-            put(".ply", &ply(&mesh, name))?;
+            put(".ply", &ply(mesh, &name))?;
         }
         if self.settings.glb {
             let too_large =
                 |it| NodeError::input(format!("{name}.glb would have {it} bytes, expected fewer than 4 GB"));
-            put(".glb", &mesh_glb(&mesh, name).map_err(too_large)?)?;
+            put(".glb", &mesh_glb(mesh, &name).map_err(too_large)?)?;
         }
-        if let Some(view) = View::of(&mesh, &self.cameras, self.settings.height_px).filter(|_| self.settings.pictures) {
+        if self.settings.pictures {
+            self.frame = self.frame.or_else(|| Frame::of(mesh, &self.cameras, self.settings.height_px));
+        }
+        if let Some(view) = self.frame.map(|it| it.view(mesh)) {
             let range = view.range(1e-3 * self.settings.range_unit_mm);
             let gray = png::ColorType::Grayscale;
             put("_range.png", &encoded(view.size, gray, png::BitDepth::Sixteen, &range).map_err(NodeError::input)?)?;
@@ -124,6 +193,10 @@ impl Node for ExportSurface {
         }
         Ok(())
     }
+}
+
+fn numbered(name: &str, number: u64) -> String {
+    format!("{name}_{number:04}")
 }
 
 /// A surface as a binary PLY file.
@@ -208,6 +281,35 @@ mod tests {
         let nearer_mm = 0.01 * (level(columns / 2 + rows / 2 - rows / 16, rows / 2) - level(columns / 2, rows / 2));
         assert!((14.0..19.0).contains(&nearer_mm), "{nearer_mm}");
         assert_eq!(range.get_pixel(0, 0).0[0], 0);
+    }
+
+    #[test]
+    fn each_moment_has_files_of_its_own_seen_from_one_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = ExportSurfaceSettings { each: true, max_surfaces: 2, height_px: 64, ..Default::default() };
+        let mut bench = NodeBench::<ExportSurface>::with_setup(settings, &setup(folder.path())).unwrap();
+        let at = |s: f64, mesh: Mesh| Mesh { time: Time::from_s(s), ..mesh };
+        let whole = roof();
+        let aside = whole.vertices().map(|it| MeshVertex { position: it.position + Vector3::x() * 0.02, ..it });
+        let moved = Mesh::new(aside, &whole.triangles().collect::<Vec<_>>());
+        // Of the first moment a part, then all.
+        let part = Mesh::new(whole.vertices(), &[[1, 0, 4]]);
+        for (s, mesh) in [(0.0, part), (0.0, roof()), (1.0, moved), (2.0, roof())] {
+            bench.feed(&SURFACE, Time::from_s(s), at(s, mesh)).unwrap();
+        }
+        let report = bench.finish().unwrap();
+        assert_eq!((report.files.len(), report.figures["export.triangles"]), (8, 4.0));
+        assert!(report.remarks[0].contains("of 3 surfaces the first 2"), "{:?}", report.remarks);
+        let shaded = |number: u32| {
+            let picture = image::open(folder.path().join(format!("surface_000{number}_shaded.png"))).unwrap();
+            picture.into_luma8()
+        };
+        let (first, second) = (shaded(1), shaded(2));
+        assert_eq!(first.dimensions(), second.dimensions());
+        let columns = |it: &image::GrayImage| it.enumerate_pixels().filter(|it| it.2.0[0] > 0).map(|it| it.0).max();
+        assert_ne!(columns(&first), columns(&second), "it has moved in the picture");
+        let ply = std::fs::read(folder.path().join("surface_0001.ply")).unwrap();
+        assert!(String::from_utf8_lossy(&ply).contains("element face 4\n"), "the whole of the first moment");
     }
 
     #[test]

@@ -32,11 +32,22 @@ pub(super) struct View {
     depths: Vec<f32>,
 }
 
-impl View {
+/// Where pictures of surfaces are taken from, and how large.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    view_from_mesh: Matrix3<f64>,
+    /// The middle of the picture, in the view [m].
+    middle: Vector3<f64>,
+    /// The plane that depths are from, along the view [m].
+    before: f64,
+    pixel_m: f64,
+    size: [u32; 2],
+}
+
+impl Frame {
     /// From where the surface faces; one that is closed from where `cameras` stand. `None` for a surface without a triangle.
-    pub fn of(mesh: &Mesh, cameras: &[Point3<f64>], rows: u32) -> Option<View> {
-        let triangles: Vec<[u32; 3]> = mesh.triangles().collect();
-        triangles.first()?;
+    pub fn of(mesh: &Mesh, cameras: &[Point3<f64>], rows: u32) -> Option<Frame> {
+        mesh.triangles().next()?;
         let vertices: Vec<MeshVertex> = mesh.vertices().collect();
         let n = vertices.len() as f64;
         let facing = vertices.iter().map(|it| it.normal.cast::<f64>()).sum::<Vector3<f64>>() / n;
@@ -48,24 +59,31 @@ impl View {
         let up = if back.z.abs() < 0.95 { Vector3::z() } else { Vector3::y() };
         let right = back.cross(&up).normalize();
         let view_from_mesh = Matrix3::from_rows(&[right.transpose(), back.cross(&right).transpose(), back.transpose()]);
-        let places: Vec<Point3<f64>> = vertices.iter().map(|it| view_from_mesh * it.position.cast::<f64>()).collect();
-        let low = places.iter().fold(Vector3::repeat(f64::INFINITY), |sum, it| sum.inf(&it.coords));
-        let high = places.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |sum, it| sum.sup(&it.coords));
+        let places = || vertices.iter().map(|it| view_from_mesh * it.position.coords.cast::<f64>());
+        let low = places().fold(Vector3::repeat(f64::INFINITY), |sum, it| sum.inf(&it));
+        let high = places().fold(Vector3::repeat(f64::NEG_INFINITY), |sum, it| sum.sup(&it));
         let extent = (high - low).map(|it| it.max(1e-9));
         let height = extent.y.max(extent.x / MOST_STRETCHED);
         let pixel_m = height * (1.0 + 2.0 * MARGIN) / f64::from(rows);
         let columns = ((extent.x / pixel_m + 2.0 * MARGIN * f64::from(rows)).ceil() as u32).max(rows / 4);
-        let size = [columns, rows];
-        let middle = (low + high) / 2.0;
+        // Beyond 0, which stands for nothing.
+        let before = low.z - 1e-3;
+        Some(Frame { view_from_mesh, middle: (low + high) / 2.0, before, pixel_m, size: [columns, rows] })
+    }
+
+    /// What of a surface lies in the frame.
+    pub fn view(&self, mesh: &Mesh) -> View {
+        let Frame { view_from_mesh, middle, before, pixel_m, size } = *self;
+        let [columns, rows] = size;
+        let vertices: Vec<MeshVertex> = mesh.vertices().collect();
+        let places: Vec<Point3<f64>> = vertices.iter().map(|it| view_from_mesh * it.position.cast::<f64>()).collect();
         let pixel = |it: &Point3<f64>| {
             let at = (it.coords - middle).xy() / pixel_m;
             Point2::new(at.x + f64::from(columns - 1) / 2.0, at.y + f64::from(rows - 1) / 2.0)
         };
         let n = columns as usize * rows as usize;
         let mut view = View { size, shaded: vec![0; n], depths: vec![f32::INFINITY; n] };
-        // Beyond 0, which stands for nothing.
-        let before = low.z - 1e-3;
-        for corners in &triangles {
+        for corners in mesh.triangles() {
             let corners = corners.map(|it| it as usize);
             let [a, b, c] = corners.map(|it| pixel(&places[it]));
             let double = (b - a).perp(&(c - a));
@@ -97,9 +115,11 @@ impl View {
                 }
             }
         }
-        Some(view)
+        view
     }
+}
 
+impl View {
     /// 16 bits a pixel, big endian, in units of `unit_m`.
     pub fn range(&self, unit_m: f64) -> Vec<u8> {
         let level = |it: &f32| {
@@ -115,7 +135,8 @@ mod tests {
 
     #[test]
     fn a_roof_is_seen_from_where_it_faces_with_up_upwards() {
-        let view = View::of(&super::super::tests::roof(), &[], 100).unwrap();
+        let roof = super::super::tests::roof();
+        let view = Frame::of(&roof, &[], 100).unwrap().view(&roof);
         // As wide as it is high, but for rounding up.
         let [columns, rows] = view.size.map(|it| it as usize);
         assert!(rows == 100 && (100..=101).contains(&columns), "{columns}");
@@ -124,7 +145,7 @@ mod tests {
         let nearest = (0..view.depths.len()).min_by(|a, b| view.depths[*a].total_cmp(&view.depths[*b])).unwrap();
         let (x, y) = (nearest % columns, nearest / columns);
         assert!((48..=52).contains(&x) && (48..=51).contains(&y), "{x} {y}");
-        assert!(View::of(&Mesh::new([], &[]), &[], 100).is_none());
+        assert!(Frame::of(&Mesh::new([], &[]), &[], 100).is_none());
     }
 
     #[test]
@@ -139,7 +160,7 @@ mod tests {
         let triangles: Vec<[u32; 3]> = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
         let cube = Mesh::new((0..8).map(corner), &triangles);
         let nearest_is_narrow = |cameras: &[Point3<f64>]| {
-            let view = View::of(&cube, cameras, 100).unwrap();
+            let view = Frame::of(&cube, cameras, 100).unwrap().view(&cube);
             let near = view.depths.iter().filter(|it| **it < 0.01).count() as f64;
             near / (view.depths.iter().filter(|it| it.is_finite()).count() as f64) < 0.75
         };

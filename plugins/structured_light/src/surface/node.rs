@@ -49,6 +49,8 @@ pub struct SurfaceSettings {
     /// How far to either side of the surface distances are kept; thinner things need less, noise of more than a voxel needs more [voxels]
     #[schemars(range(min = 1.5, max = 20.0))]
     pub truncation: f64,
+    /// Whether the surface is that of the clouds of one moment alone, begun anew with the next and sent each time: for what changes its shape and is seen whole at a time [–]
+    pub each_moment: bool,
     /// Clouds are gathered until they have so many points together, and registered as one [–]
     #[schemars(range(min = 1, max = 10000000))]
     pub gather_points: usize,
@@ -94,6 +96,7 @@ impl Default for SurfaceSettings {
         Self {
             voxel_mm: 0.0,
             truncation: 4.0,
+            each_moment: false,
             gather_points: 3000,
             gather_ms: 100.0,
             register: true,
@@ -137,6 +140,8 @@ pub struct JoinedSurface {
     n_restarts: u64,
     n_points: u64,
     n_left_out: u64,
+    /// That of the surface, where each has one of its own.
+    moment: Option<Time>,
     /// When a surface with triangles was last sent, and how many points it had.
     sent: Option<(Time, u64)>,
     last: [f64; 3],
@@ -214,6 +219,7 @@ impl Node for JoinedSurface {
             n_restarts: 0,
             n_points: 0,
             n_left_out: 0,
+            moment: None,
             sent: None,
             last: [0.0; 3],
             corrections_mm: Vec::new(),
@@ -227,6 +233,10 @@ impl Node for JoinedSurface {
             self.learn(&space.value);
         }
         while let Some(cloud) = io.take(&CLOUD) {
+            let is_next = self.waiting.front().is_some_and(|it| it.0.value.time != cloud.value.time);
+            if self.settings.each_moment && is_next {
+                self.join(io);
+            }
             match self.placed(&cloud.value) {
                 Ok(placed) => self.waiting.push_back((cloud, placed)),
                 Err(why) => {
@@ -235,12 +245,18 @@ impl Node for JoinedSurface {
                     continue;
                 }
             }
+            if self.settings.each_moment {
+                continue;
+            }
             let points: usize = self.waiting.iter().map(|it| it.0.value.len()).sum();
             let first = self.waiting.front().map_or(Time::ZERO, |it| it.0.value.time);
             let last = self.waiting.back().map_or(Time::ZERO, |it| it.0.value.time);
             if points >= self.settings.gather_points || (last - first).as_s() * 1e3 >= self.settings.gather_ms {
                 self.join(io);
             }
+        }
+        if self.settings.each_moment {
+            self.join(io);
         }
         Ok(())
     }
@@ -309,6 +325,9 @@ impl JoinedSurface {
         let clouds: Vec<_> = self.waiting.drain(..).collect();
         let Some((last, placed)) = clouds.last().map(|it| (it.0.clone(), it.1)) else { return };
         let n = clouds.len() as u64;
+        if self.settings.each_moment && self.moment.replace(last.value.time) != Some(last.value.time) {
+            self.model.clear();
+        }
         let mut piece = Piece { time_s: last.value.time.as_s(), ..Piece::default() };
         for (cloud, placed) in &clouds {
             let back = placed.world_from_scale.inverse();
@@ -349,9 +368,10 @@ impl JoinedSurface {
             io.emit(&JOINED, cloud.stamp, moved(&cloud.value, placed, &joined));
         }
         let time = last.value.time;
-        let is_due = self.sent.is_none_or(|(when, n_points)| {
-            (time - when).as_s() * 1e3 >= self.settings.interval_ms || self.n_points >= GROWN * n_points
-        });
+        let is_due = self.settings.each_moment
+            || self.sent.is_none_or(|(when, n_points)| {
+                (time - when).as_s() * 1e3 >= self.settings.interval_ms || self.n_points >= GROWN * n_points
+            });
         if is_due {
             let mesh = self.mesh(time, &(placed.world_from_scale * joined.surface_from_cloud.inverse()), &joined);
             if mesh.triangles().next().is_some() {

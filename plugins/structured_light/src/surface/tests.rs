@@ -347,6 +347,25 @@ fn a_surface_that_grows_is_sent_before_its_interval_is_over() {
 }
 
 #[test]
+fn each_moment_has_a_surface_of_its_own_of_all_its_clouds() {
+    let settings = SurfaceSettings { voxel_mm: 1.0, register: false, each_moment: true, ..SurfaceSettings::default() };
+    let mut bench = NodeBench::<JoinedSurface>::with_setup(settings, &Setup::for_tests()).unwrap();
+    let all = full(0.0006, false, &mut Random::new(6));
+    let (left, right): (Vec<_>, Vec<_>) = all.into_iter().partition(|it| it.position.x < 0.0);
+    for (s, half) in [(0.0, &left), (0.0, &right), (0.01, &right)] {
+        let time = Time::from_s(s);
+        bench.feed(&CLOUD, time, cloud(half, time)).unwrap();
+    }
+    let meshes = bench.outputs(&SURFACE);
+    let reach = |mesh: &Mesh| {
+        let x = || mesh.vertices().map(|it| it.position.x);
+        (mesh.time.as_s(), x().fold(f32::INFINITY, f32::min) < -0.05, x().fold(0.0, f32::max) > 0.05)
+    };
+    let reaches: Vec<_> = meshes.iter().map(|it| reach(&it.value)).collect();
+    assert_eq!(reaches, [(0.0, true, false), (0.0, true, true), (0.01, false, true)]);
+}
+
+#[test]
 fn a_cloud_without_a_place_for_the_target_is_refused_with_a_remark() {
     let mut bench = NodeBench::<JoinedSurface>::with_setup(SurfaceSettings::default(), &setup()).unwrap();
     bench.feed(&CLOUD, Time::ZERO, cloud(&full(0.002, false, &mut Random::new(1)), Time::ZERO)).unwrap();
