@@ -17,6 +17,9 @@ use crate::report::Report;
 use crate::scale::ScaleAnchor;
 use crate::setup::Setup;
 
+/// What stands in the table of a node in a rig beside its settings: no setting can have such a name.
+pub const RIG_WORDS: [&str; 8] = ["type", "each", "camera", "on_error", "cost_ms", "cost_jitter_ms", "in", "require"];
+
 /// The node types that a program knows, by name.
 #[derive(Clone)]
 pub struct Registry {

@@ -434,3 +434,11 @@ pub(super) mod requirement {
         Key::new("must", Kind::Flag, "Whether not meeting it fails the run, with exit code 3.").or(|| json!(false));
     pub const ALL: [&Key; 5] = [&AGE_MS, &RATE_HZ, &SIGMA, &LOSS, &MUST];
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn authors_of_nodes_know_the_words_that_rigs_take() {
+        assert_eq!(super::node::ALL.map(|it| it.name), foveate_node::registry::RIG_WORDS);
+    }
+}

@@ -1,6 +1,7 @@
 //! Checks that hold for every camera and node: one call each.
 
 use foveate_geometry::Camera;
+use foveate_node::registry::RIG_WORDS;
 use foveate_node::{Interval, Node, NodeBench, NodeError, Registry, Setup, Time};
 use nalgebra::Point2;
 use serde_json::Value;
@@ -19,6 +20,7 @@ pub fn check_camera_model(camera: &Camera) {
 /// Checks what every node type promises about its settings and ports, given TOML that it accepts:
 /// - `plugin.node`, lower case; a summary of one line; port names in lower case, each port at its number;
 /// - settings survive writing and reading, and filling in defaults twice changes nothing;
+/// - no setting has a name that means something else in a rig ([`RIG_WORDS`]);
 /// - a key that it does not know is refused, at the top and in each sub-table;
 /// - the schema describes every setting, the description ends in a unit in brackets (`[px]`, `[–]`), and what may be left
 ///   out has a default.
@@ -62,6 +64,14 @@ pub fn check_node<N: Node>(settings: &str) {
     let schema = schemars::schema_for!(N::Settings);
     let root = schema.as_value();
     check_schema(N::TYPE, root);
+    let settings = root.get("properties").and_then(Value::as_object).into_iter().flatten();
+    settings.for_each(|(name, _)| {
+        assert!(
+            !RIG_WORDS.contains(&name.as_str()),
+            "`{name}` of `{}` is a word of rigs: it could not be set",
+            N::TYPE
+        );
+    });
     if let Some(Value::Object(definitions)) = root.get("$defs") {
         definitions.values().for_each(|it| check_schema(N::TYPE, it));
     }

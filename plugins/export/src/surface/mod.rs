@@ -7,7 +7,7 @@
 //! | `NAME_shaded.png` | the bare surface from the front, lit from the upper left |
 //! | `NAME_range.png` | 16 bits a pixel: distance from a plane before the surface in units of `range_unit_mm`; 0 where there is none |
 //!
-//! With `each`, every surface that comes is written, as `NAME_0001` and so on, one to a moment; their pictures are taken from the front of the first one.
+//! With `each_moment`, every surface that comes is written, as `NAME_0001` and so on, one to a moment; their pictures are taken from the front of the first one.
 //!
 //! From the front is from where the surface faces on the whole, and where it is closed from where the cameras of the calibration stand (the first one, where they stand all around); pictures have no perspective.
 
@@ -47,7 +47,7 @@ pub struct ExportSurfaceSettings {
     /// Whether a range and a shaded picture are written [–]
     pub pictures: bool,
     /// Whether every surface is written, numbered, and not the last one alone: for what changes its shape, with `each_moment` of `structured_light.surface` [–]
-    pub each: bool,
+    pub each_moment: bool,
     /// Surfaces that are written then, at most [–]
     #[schemars(range(min = 1, max = 100000))]
     pub max_surfaces: u64,
@@ -66,7 +66,7 @@ impl Default for ExportSurfaceSettings {
             ply: true,
             glb: true,
             pictures: true,
-            each: false,
+            each_moment: false,
             max_surfaces: 1000,
             height_px: 900,
             range_unit_mm: 0.01,
@@ -105,7 +105,7 @@ impl Node for ExportSurface {
         ConfigError::unless_in("height_px", settings.height_px, 16..=8192)?;
         ConfigError::unless_in("range_unit_mm", settings.range_unit_mm, 1e-4..=1000.0)?;
         ConfigError::unless_in("max_surfaces", settings.max_surfaces, 1..=100_000)?;
-        let first = if settings.each { numbered(&settings.name, 1) } else { settings.name.clone() };
+        let first = if settings.each_moment { numbered(&settings.name, 1) } else { settings.name.clone() };
         for ending in [".ply", ".glb", "_range.png", "_shaded.png"] {
             setup.claim_named_file("name", &format!("{first}{ending}"))?;
         }
@@ -127,7 +127,7 @@ impl Node for ExportSurface {
         while let Some(mesh) = io.take(&SURFACE) {
             let before = self.last.replace(mesh.value);
             // A surface that comes again is more of the same moment.
-            if let Some(before) = before.filter(|it| self.settings.each && it.time != mesh.stamp.time) {
+            if let Some(before) = before.filter(|it| self.settings.each_moment && it.time != mesh.stamp.time) {
                 self.write(&before)?;
             }
         }
@@ -165,7 +165,7 @@ impl ExportSurface {
         if !self.file.is_wanted() {
             return Ok(());
         }
-        let name = match self.settings.each {
+        let name = match self.settings.each_moment {
             true => numbered(&self.settings.name, self.written),
             false => self.settings.name.clone(),
         };
@@ -286,7 +286,8 @@ mod tests {
     #[test]
     fn each_moment_has_files_of_its_own_seen_from_one_place() {
         let folder = tempfile::tempdir().unwrap();
-        let settings = ExportSurfaceSettings { each: true, max_surfaces: 2, height_px: 64, ..Default::default() };
+        let settings =
+            ExportSurfaceSettings { each_moment: true, max_surfaces: 2, height_px: 64, ..Default::default() };
         let mut bench = NodeBench::<ExportSurface>::with_setup(settings, &setup(folder.path())).unwrap();
         let at = |s: f64, mesh: Mesh| Mesh { time: Time::from_s(s), ..mesh };
         let whole = roof();
