@@ -10,7 +10,7 @@ use foveate::geometry::Camera;
 use foveate::imaging::matching::{Grown, Growth, Warp, grow};
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
-use crate::measure::{MeasureOptions, Measurer, Sample};
+use crate::measure::{MeasureOptions, Measurer, NoPoint, Sample};
 use crate::views::{Moment, View};
 
 /// How a surface is covered.
@@ -58,6 +58,8 @@ pub struct LeftOut {
     pub repeats: u64,
     /// In a piece of surface that some cameras see at another depth than others.
     pub contradicted: u64,
+    /// Found beside a point of the surface, and out of the volume.
+    pub cut: u64,
 }
 
 /// A sample on its way through the growth.
@@ -100,14 +102,18 @@ pub fn cover(
         let cell = cell_of(sample.pixel, spacing);
         Grown { cell, found: Node { sample: sample.clone(), seed: Some(at) }, score: sample.correlation }
     });
+    let mut cut = 0;
     let grown = grow(growth, started, |cell, from| {
         let pixel = pixel_of(cell, spacing);
         let starts: Vec<(usize, Warp)> = from.found.sample.starts_at(views, pixel);
-        let sample = measurer.measure(views, moment, reference, pixel, &starts, measure).ok()?;
+        let measured = measurer.measure(views, moment, reference, pixel, &starts, measure);
+        cut += u64::from(matches!(measured, Err(NoPoint::OutOfVolume)));
+        let sample = measured.ok()?;
         let score = sample.correlation;
         Some((Node { sample, seed: None }, score))
     });
-    judge(camera, grown, growth, options)
+    let (kept, left_out) = judge(camera, grown, growth, options);
+    (kept, LeftOut { cut, ..left_out })
 }
 
 /// Seeds that share a node of the grid with a better one among `kept`, and hang together with it: points that are followed are not bound to the grid.

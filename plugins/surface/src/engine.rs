@@ -50,6 +50,9 @@ const UNSEEN: f64 = 0.5;
 /// Points of smooth surfaces that neighbours disown are a hundredth; where they are more than this part, it is said [–].
 const ALONE: f64 = 0.3;
 
+/// Of a surface that the volume cuts, points found just beyond it are more than this part of those that were measured [–].
+const CUT: f64 = 0.01;
+
 /// A camera sees another side of a thing than the reference does from 75° on, as the cosine [–].
 const ASIDE: f64 = 0.26;
 
@@ -180,6 +183,7 @@ impl Engine {
         self.left_out.alone += left_out.alone;
         self.left_out.disordered += left_out.disordered;
         self.left_out.piece += left_out.piece;
+        self.left_out.cut += left_out.cut;
         let mut out = Vec::new();
         for piece in pieces(&found, &views[*reference].camera, options) {
             if are_known && piece.iter().any(|it| found[*it].seed.is_some()) {
@@ -281,6 +285,12 @@ impl Engine {
                  bends so much from point to point, a smaller `spacing_px` or a larger `step` keeps them; where it does not, cameras are not as they were calibrated, or texture is poor",
                 100.0 * alone,
                 self.prepared.cover.step
+            ));
+        }
+        if self.left_out.cut as f64 > CUT * self.measurer.measured as f64 {
+            report.remark(format!(
+                "the surface goes on beyond the scale's `volume_m`: beside points of it {} more were found that lie out of it; what lies there is not measured, as it should be where the volume keeps other things out",
+                self.left_out.cut
             ));
         }
         self.in_step.report(report);

@@ -164,3 +164,19 @@ fn a_camera_that_faces_a_surface_and_does_not_see_it_is_counted() {
     let (blind, seeing) = (unseen(true), unseen(false));
     assert!(blind > 0.6 && seeing < 0.3, "{blind} with a blind camera, {seeing} without");
 }
+
+#[test]
+fn a_volume_that_cuts_the_surface_is_told() {
+    let cameras = cameras(2);
+    let scene = Scene::of(Shape::Plane, 85);
+    let told = |low: f64| {
+        let setup = Setup { volume_m: Some([[low, -0.15, -0.15], [0.15, 0.15, 0.15]]), ..setup(&cameras) };
+        let mut bench = NodeBench::<matcher::Matcher>::with_setup(settings(), &setup).unwrap();
+        bench.feed_set(&matcher::IMAGE, Time::from_s(1.0), scene.pictures(&cameras)).unwrap();
+        let points: Vec<CloudPoint> = bench.outputs(&matcher::CLOUD)[0].value.iter().collect();
+        assert!(points.len() > 150 && points.iter().all(|it| f64::from(it.position.x) > low - 1e-6));
+        bench.finish().unwrap().remarks.iter().any(|it| it.contains("beyond the scale's `volume_m`"))
+    };
+    assert!(told(-0.02));
+    assert!(!told(-0.15));
+}
