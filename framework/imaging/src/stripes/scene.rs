@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use foveate_estimation::random::Random;
 
-use super::code::StripeCode;
+use super::code::{Shown, StripeCode};
 use super::pattern::picture;
 
 /// What the camera looks at.
@@ -72,40 +72,58 @@ pub(super) fn wall_set(seed: u64) -> Vec<Vec<u8>> {
     sets.entry(seed).or_insert_with(|| wall(seed).pictures(&wall_code())).clone()
 }
 
+/// What one of the lines of sight of a pixel meets.
+struct Sample {
+    albedo: f64,
+    global: f64,
+    /// The projector's pixel that lights it.
+    lit_by: Option<usize>,
+}
+
+/// Lines of sight along each side of a pixel.
+const SAMPLES: usize = 5;
+
 impl Scene {
     /// All pictures of a set.
     pub(super) fn pictures(&self, code: &StripeCode) -> Vec<Vec<u8>> {
-        let shown = code.pictures();
-        shown.iter().enumerate().map(|(at, it)| self.seen(code, &picture(code, *it, 1.0), at as u64)).collect()
+        let (shown, samples) = (code.pictures(), self.samples(code));
+        let picture_of = |(at, it): (usize, &Shown)| self.seen(code, &samples, &picture(code, *it, 1.0), at as u64);
+        shown.iter().enumerate().map(picture_of).collect()
     }
 
-    fn seen(&self, code: &StripeCode, shown: &[u8], number: u64) -> Vec<u8> {
+    /// Pixel by pixel.
+    fn samples(&self, code: &StripeCode) -> Vec<Sample> {
+        let [columns, rows] = code.projector.map(|it| it as usize);
+        let [width, height] = self.size;
+        let offset = |it: usize| (it as f64 + 0.5) / SAMPLES as f64 - 0.5;
+        let places = (0..width * height * SAMPLES * SAMPLES).map(|it| {
+            let (pixel, sample) = (it / (SAMPLES * SAMPLES), it % (SAMPLES * SAMPLES));
+            let (x, y) = (pixel % width, pixel / width);
+            (x as f64 + offset(sample % SAMPLES), y as f64 + offset(sample / SAMPLES))
+        });
+        let sample = |(x, y): (f64, f64)| {
+            let [u, v] = (self.projector)(x, y);
+            let (column, row) = ((u + 0.5).floor(), (v + 0.5).floor());
+            let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
+            let is_lit = inside && !(self.shadow)(x, y);
+            let lit_by = is_lit.then(|| row as usize * columns + column as usize);
+            Sample { albedo: (self.albedo)(x, y), global: (self.global)(x, y), lit_by }
+        };
+        places.map(sample).collect()
+    }
+
+    fn seen(&self, code: &StripeCode, samples: &[Sample], shown: &[u8], number: u64) -> Vec<u8> {
         let mut chance = Random::new(self.seed.wrapping_mul(1000) + number);
         let [columns, rows] = code.projector.map(|it| it as usize);
         let blurred = blurred(shown, columns, rows, self.defocus, self.power);
         let mean = shown.iter().map(|it| f64::from(*it)).sum::<f64>() / (255.0 * shown.len() as f64);
-        let light = |x: f64, y: f64| {
-            let albedo = (self.albedo)(x, y);
-            let [u, v] = (self.projector)(x, y);
-            let (column, row) = ((u + 0.5).floor(), (v + 0.5).floor());
-            let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
-            let direct =
-                if inside && !(self.shadow)(x, y) { blurred[row as usize * columns + column as usize] } else { 0.0 };
-            self.ambient * albedo + self.gain * albedo * (direct + (self.global)(x, y) * mean)
+        let light = |it: &Sample| {
+            let direct = it.lit_by.map_or(0.0, |at| blurred[at]);
+            self.ambient * it.albedo + self.gain * it.albedo * (direct + it.global * mean)
         };
         let [width, height] = self.size;
-        let mut lights = Vec::with_capacity(width * height);
-        for y in 0..height {
-            for x in 0..width {
-                let mut sum = 0.0;
-                const SAMPLES: usize = 5;
-                for sample in 0..SAMPLES * SAMPLES {
-                    let offset = |it: usize| (it as f64 + 0.5) / SAMPLES as f64 - 0.5;
-                    sum += light(x as f64 + offset(sample % SAMPLES), y as f64 + offset(sample / SAMPLES));
-                }
-                lights.push(sum / (SAMPLES * SAMPLES) as f64);
-            }
-        }
+        let n = SAMPLES * SAMPLES;
+        let lights: Vec<f64> = samples.chunks(n).map(|it| it.iter().map(light).sum::<f64>() / n as f64).collect();
         let lights = if self.blur > 0.0 {
             smoothed(&lights, width, height, self.blur, (3.0 * self.blur).ceil() as usize)
         } else {
