@@ -19,6 +19,7 @@ use self::rules::Set;
 use super::code::{Axis, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
 use super::exposure;
+use super::fade::{self, Fade};
 use super::faults::SetFault;
 use super::stretches;
 use crate::ImageView;
@@ -153,21 +154,45 @@ fn positives_examined(
     // Pictures that are taken for each other are of no other exposure: a step is brighter than a bit's inverse.
     let is_put_right = found.faults.iter().any(|it| matches!(it, SetFault::Exchanged { mended: true, .. }));
     let places: Vec<Option<usize>> = if is_whole && !is_put_right { natural() } else { found.places.clone() };
-    if is_whole && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places)
+    let pairs = exposure::factors_of_pairs(code, pictures, &places, &lit);
+    let fade = if is_whole { fade::faded(&pairs, code, &places) } else { None };
+    if fade.is_none()
+        && is_whole
+        && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places)
     {
         return without;
     }
-    let uneven = exposure::uneven(code, pictures, &places, &lit);
+    let evened = |uneven: &[(usize, f64)]| -> Vec<(usize, Vec<u8>)> {
+        uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect()
+    };
+    let uneven = match &fade {
+        Some(fade) => {
+            let all = evened(&fade.factors);
+            let Some(views) = light::replaced(pictures, &all) else { return found };
+            // What is left, as in phase steps.
+            let left = exposure::uneven(code, &views, &places, &lit);
+            let more = |at: usize| left.iter().find(|it| it.0 == at).map_or(1.0, |it| it.1);
+            fade.factors.iter().map(|(at, factor)| (*at, factor * more(*at))).collect()
+        }
+        None => exposure::uneven_by(&pairs, code, pictures, &places, &lit),
+    };
     if uneven.is_empty() {
         return found;
     }
-    let evened: Vec<(usize, Vec<u8>)> =
-        uneven.iter().map(|(at, factor)| (*at, exposure::evened(pictures[*at].pixels(), *factor))).collect();
-    let Some(views) = light::replaced(pictures, &evened) else { return found };
+    let all = evened(&uneven);
+    let Some(views) = light::replaced(pictures, &all) else { return found };
     let (mut found, _) = look(code, &views, absent, min_contrast);
-    let told: Vec<(usize, f64)> = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
-    if !told.is_empty() {
-        found.faults.insert(0, SetFault::Uneven { pictures: told });
+    match fade.as_ref().and_then(Fade::ends) {
+        Some((ends, factor)) => {
+            let is_told = (factor - 1.0).abs() > TOLD;
+            found.faults.splice(0..0, is_told.then_some(SetFault::Faded { ends, factor }));
+        }
+        None => {
+            let told: Vec<(usize, f64)> = uneven.iter().copied().filter(|it| (it.1 - 1.0).abs() > TOLD).collect();
+            if !told.is_empty() {
+                found.faults.insert(0, SetFault::Uneven { pictures: told });
+            }
+        }
     }
     found.uneven = uneven;
     found

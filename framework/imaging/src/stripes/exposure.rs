@@ -42,6 +42,9 @@ const SAME: f64 = 0.06;
 /// Rounds in which waves and exposures are found by turns: of four steps each leaves three quarters of what is wrong, of more less.
 const ROUNDS: usize = 40;
 
+/// A bit's picture and its inverse, and how many times too bright each is beside white and black together.
+pub(super) type Pair = ([usize; 2], [f64; 2]);
+
 /// Pictures that are brighter or darker than most, each with how many times; `places` says which picture is what, and `lit` are pixels with their darkest and brightest levels.
 pub(super) fn uneven(
     code: &StripeCode,
@@ -49,7 +52,18 @@ pub(super) fn uneven(
     places: &[Option<usize>],
     lit: &[(usize, u8, u8)],
 ) -> Vec<(usize, f64)> {
-    let mut off = uneven_pairs(code, pictures, places, lit);
+    uneven_by(&factors_of_pairs(code, pictures, places, lit), code, pictures, places, lit)
+}
+
+/// The same, by what pairs tell.
+pub(super) fn uneven_by(
+    pairs: &[Pair],
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<(usize, f64)> {
+    let mut off = uneven_pairs(pairs, code, places);
     off.extend(Axis::BOTH.into_iter().flat_map(|axis| uneven_steps(code, axis, pictures, places, lit)));
     off.sort_by_key(|it| it.0);
     off
@@ -138,17 +152,35 @@ fn to_middle(factors: &mut [f64]) -> Option<()> {
 }
 
 /// Pictures of bits, and white, of another exposure.
-fn uneven_pairs(
+fn uneven_pairs(pairs: &[Pair], code: &StripeCode, places: &[Option<usize>]) -> Vec<(usize, f64)> {
+    let mut factors: Vec<(usize, f64)> =
+        pairs.iter().flat_map(|(pair, factors)| pair.iter().copied().zip(*factors)).collect();
+    let mut all: Vec<f64> = factors.iter().map(|it| it.1).collect();
+    all.sort_by(f64::total_cmp);
+    let Some(most) = all.get(all.len() / 2).copied() else { return Vec::new() };
+    let picture = |what: Shown| code.place(what).and_then(|it| places[it]);
+    if let (Some(white), Some(_)) = (picture(Shown::White), picture(Shown::Black)) {
+        factors.push((white, 1.0));
+    }
+    let relative = factors.into_iter().map(|(picture, it)| (picture, it / most));
+    let off: Vec<(usize, f64)> = relative.filter(|it| (it.1 - 1.0).abs() > OFF_TOO).collect();
+    if off.iter().all(|it| (it.1 - 1.0).abs() <= OFF) {
+        return Vec::new();
+    }
+    off
+}
+
+/// What pairs tell, without those that do not.
+pub(super) fn factors_of_pairs(
     code: &StripeCode,
     pictures: &[ImageView<'_>],
     places: &[Option<usize>],
     lit: &[(usize, u8, u8)],
-) -> Vec<(usize, f64)> {
+) -> Vec<Pair> {
     if code.inverse == Inverse::None {
         return Vec::new();
     }
-    let shown = code.pictures();
-    let picture = |what: Shown| shown.iter().position(|it| *it == what).and_then(|it| places[it]);
+    let picture = |what: Shown| code.place(what).and_then(|it| places[it]);
     let (white, black) = (picture(Shown::White), picture(Shown::Black));
     let level = |picture: usize, at: usize| f64::from(pictures[picture].pixels()[at]);
     let some: Vec<&(usize, u8, u8)> = lit.iter().step_by(lit.len().div_ceil(SAMPLES).max(1)).collect();
@@ -160,7 +192,7 @@ fn uneven_pairs(
         _ => Some(f64::from(it.1) + f64::from(it.2)),
     };
     let sums: Vec<Option<f64>> = some.iter().map(|it| sum(it)).collect();
-    let mut factors: Vec<(usize, f64)> = Vec::new();
+    let mut found = Vec::new();
     for (axis, plane) in Axis::BOTH.into_iter().flat_map(|axis| (0..code.bits[axis.index()]).map(move |it| (axis, it)))
     {
         let of = |inverse: bool| picture(Shown::Bit { axis, plane, inverse });
@@ -172,22 +204,9 @@ fn uneven_pairs(
                 rows.push([a, b, sum]);
             }
         }
-        if let Some(found) = fit(&rows) {
-            factors.extend([bit, inverse].into_iter().zip(found));
-        }
+        found.extend(fit(&rows).map(|factors| ([bit, inverse], factors)));
     }
-    let mut all: Vec<f64> = factors.iter().map(|it| it.1).collect();
-    all.sort_by(f64::total_cmp);
-    let Some(most) = all.get(all.len() / 2).copied() else { return Vec::new() };
-    if let (Some(white), Some(_)) = (white, black) {
-        factors.push((white, 1.0));
-    }
-    let relative = factors.into_iter().map(|(picture, it)| (picture, it / most));
-    let off: Vec<(usize, f64)> = relative.filter(|it| (it.1 - 1.0).abs() > OFF_TOO).collect();
-    if off.iter().all(|it| (it.1 - 1.0).abs() <= OFF) {
-        return Vec::new();
-    }
-    off
+    found
 }
 
 /// How many times too bright the two of a pair are; `None` where they do not say it, or are no pair.

@@ -136,6 +136,13 @@ pub enum SetFault {
         /// Which, each with how many times as bright [–].
         pictures: Vec<(usize, f64)>,
     },
+    /// The light faded, or grew, evenly from picture to picture, and pictures are evened out.
+    Faded {
+        /// The first and the last picture.
+        ends: [usize; 2],
+        /// How many times as bright as the first the last one is [–].
+        factor: f64,
+    },
     /// Something moved between two pictures.
     Moved {
         /// The last picture before it.
@@ -329,6 +336,7 @@ impl SetFault {
             | SetFault::Relit { .. }
             | SetFault::Unsteady { .. }
             | SetFault::Uneven { .. }
+            | SetFault::Faded { .. }
             | SetFault::WhiteIsBlack { .. }
             | SetFault::Dim { .. } => false,
             SetFault::Shows { expected: shown, .. } | SetFault::Negative { shown, .. } => {

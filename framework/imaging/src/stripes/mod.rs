@@ -30,6 +30,7 @@ pub mod ends;
 pub mod examine;
 mod explain;
 mod exposure;
+mod fade;
 pub mod faults;
 pub mod finest;
 pub mod gray;

@@ -139,6 +139,13 @@ impl SetFault {
                     list.join(", ")
                 )
             }
+            SetFault::Faded { ends: [first, last], factor } => format!(
+                "the light or the exposure {} evenly, by {:.0} % from {} to {}, expected one exposure and one light for the whole set: pictures are evened out by calculation",
+                if *factor < 1.0 { "faded" } else { "grew" },
+                100.0 * (factor - 1.0).abs(),
+                name(*first),
+                name(*last)
+            ),
             SetFault::Relit { last, first, by } => format!(
                 "between {} and {} {}, expected one light for the whole set: the difference is taken off by calculation",
                 name(*last),
