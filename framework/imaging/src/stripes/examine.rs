@@ -280,6 +280,14 @@ fn at_first_sight(
         let count =
             |unpaired, is_explained| SetFault::Count { found: n, expected: shown.len(), unpaired, is_explained };
         let layouts = Layouts::of(&all);
+        // A bit more with its inverse, all in their places, is no pair of pictures too many; another period may have more bits, too.
+        if n > shown.len() + 1
+            && let Some(bits) = layouts.other_size()
+            && layouts.other_waves().is_none()
+        {
+            found.faults.push(SetFault::OtherSize { bits, found: n });
+            return (found, lit);
+        }
         if let Some(explained) = layouts.few_lack() {
             // What more pixels tell of them.
             let other = explain::explain(code, n, &all.skipped, &signs).filter(|it| it.says_the_same(&explained));

@@ -18,6 +18,8 @@ const FEW: usize = 4000;
 const SAME: f64 = 0.12;
 /// A picture may be white (black) where it is not the brightest (darkest) in this part of the pixels at most [–].
 const FLAT: f64 = 0.1;
+/// Bits of an axis, more or fewer, of other projectors that are tried.
+const OTHER_BITS: u32 = 3;
 /// Phase steps of other sets that are tried.
 const MOST_STEPS: u32 = 16;
 /// Of the bits whose order changes of coarser ones tell, so many have to be told [–].
@@ -312,6 +314,27 @@ impl<'a> Layouts<'a> {
 }
 
 impl Layouts<'_> {
+    /// The bits of columns and rows of another projector whose whole set these pictures are, in the order of the code.
+    pub(super) fn other_size(&self) -> Option<[u32; 2]> {
+        let code = self.set.code;
+        let n = self.set.pictures.len();
+        let off = |bits: [u32; 2]| bits[0].abs_diff(code.bits[0]) + bits[1].abs_diff(code.bits[1]);
+        let range = |axis: Axis| {
+            let bits = code.bits[axis.index()];
+            if code.has(axis) { bits.saturating_sub(OTHER_BITS)..=bits + OTHER_BITS } else { bits..=bits }
+        };
+        let all = range(Axis::Columns).flat_map(|columns| range(Axis::Rows).map(move |rows| [columns, rows]));
+        let of_bits = |bits: [u32; 2]| {
+            let projector = [0, 1].map(|axis| code.stripe[axis] << bits[axis]);
+            StripeCode { bits, projector, offset: [0; 2], ..code.clone() }
+        };
+        let mut others: Vec<StripeCode> = all.filter(|it| off(*it) > 0).map(of_bits).collect();
+        others.retain(|it| it.pictures().len() == n && it.check().is_ok());
+        others.sort_by_key(|it| off(it.bits));
+        let places: Places = (0..n).map(Some).collect();
+        others.into_iter().find(|it| self.holds(it, &it.pictures(), &places)).map(|it| it.bits)
+    }
+
     /// Whether neighbouring phase steps of a code are each other's inverse, as a bit and its inverse are.
     pub(super) fn has_bits_for_steps(&self, code: &StripeCode) -> bool {
         let roles = code.pictures();

@@ -107,6 +107,32 @@ fn a_doubled_picture_is_named_and_what_it_stands_for_is_worked_out() {
 }
 
 #[test]
+fn a_set_for_a_larger_projector_is_told_its_size() {
+    for (made, stated, bits, words) in [
+        (StripeCode::gray([160, 120]), StripeCode::gray([128, 120]), [8, 7], "129 to 256 x 65 to 128 px"),
+        (StripeCode::gray([160, 120]), StripeCode::gray([128, 60]), [8, 7], "expected 7 and 6 bits for 128 x 60 px"),
+        (StripeCode::phase([160, 120], 8, 8), StripeCode::phase([128, 120], 8, 8), [6, 5], "129 to 256 x 65 to 128 px"),
+    ] {
+        for seed in 1..=2 {
+            let pictures = wall(seed).pictures(&made);
+            let n = pictures.len();
+            let found = examined(&stated, &pictures);
+            assert_eq!(found.faults, [SetFault::OtherSize { bits, found: n }], "seed {seed}, {n} pictures");
+            let said = found.faults[0].describe(&stated, &|at| at.to_string());
+            assert!(said.contains(words), "{said}");
+            assert_eq!(found.usable(&stated), []);
+            // Two pictures that are there twice are no larger projector's.
+            let mut twice = wall(seed).pictures(&stated);
+            for at in [7, 3] {
+                twice.insert(at, twice[at].clone());
+            }
+            let found = examined(&stated, &twice);
+            assert!(!found.faults.iter().any(|it| matches!(it, SetFault::OtherSize { .. })), "{:?}", found.faults);
+        }
+    }
+}
+
+#[test]
 fn a_negative_is_named_and_accuses_no_other() {
     for negative in [0, 5, 14, 17, 28] {
         let name = format!("`{negative}.png` is a negative, expected bit {}", negative % 16 / 2);

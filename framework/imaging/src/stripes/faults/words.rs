@@ -178,12 +178,17 @@ impl SetFault {
             SetFault::OtherSize { bits: [columns, rows], found } => {
                 let [width, height] = code.projector;
                 let [of_columns, of_rows] = code.bits;
-                let range = |bits: u32| format!("{} to {}", (1_u32 << (bits - 1)) + 1, 1_u32 << bits);
+                // Of a phase shift each bit is a half period wide.
+                let stripe = if code.steps > 0 { code.stripe } else { [1; 2] };
+                let range = |bits: u32, of: usize| {
+                    format!("{} to {}", (stripe[of] << bits.saturating_sub(1)) + 1, stripe[of] << bits)
+                };
                 format!(
                     "the {found} pictures are a whole set of {columns} bits for columns and {rows} for rows, for a projector of {} x {} px; expected {of_columns} and {of_rows} bits for {width} x {height} px: \
-                     is that the projector's size, or does `pattern.bits` say fewer?",
-                    range(*columns),
-                    range(*rows)
+                     is that the projector's size in the calibration{}?",
+                    range(*columns, 0),
+                    range(*rows, 1),
+                    if code.steps > 0 { "" } else { ", or does `pattern.bits` say fewer" }
                 )
             }
             SetFault::OtherWaves { steps, period, found } => format!(
