@@ -110,6 +110,8 @@ pub struct Decoder {
     /// Part of the pixels whose phase steps are on no wave [–].
     off_wave: f64,
     exchanged: [Option<[u32; 2]>; 2],
+    /// Pictures of the set that is decoded which follow from others.
+    worked_out: Vec<Shown>,
     /// By axis how phase steps stand.
     steps: [Steps; 2],
     sets: u64,
@@ -168,6 +170,7 @@ impl Node for Decoder {
             decoded: Decoded::default(),
             off_wave: 0.0,
             exchanged: [None; 2],
+            worked_out: Vec::new(),
             steps: Default::default(),
             sets: 0,
             refused: 0,
@@ -345,6 +348,7 @@ impl Decoder {
                 faults.push(format!("worked out from {others}: {}", list.join(" and ")));
             }
         }
+        self.worked_out = worked_out;
         let views: Vec<ImageView<'_>> = pictures
             .iter()
             .map(|it| ImageView::new(it, width, height))
@@ -530,7 +534,8 @@ impl Decoder {
             let found = edges::coordinates_where(code, views, &self.decoded, &edges, wanted);
             return found.map_err(|fault| fault.to_string());
         }
-        let found = phase::coordinates(code, views, &self.decoded, &PhaseOptions { noise, ..PhaseOptions::default() });
+        let options = PhaseOptions { noise, ..PhaseOptions::default() };
+        let found = phase::coordinates(code, views, &self.decoded, &self.worked_out, &options);
         let found = found.map_err(|fault| fault.to_string())?;
         (self.off_wave, self.steps, self.exchanged) = (found.off_wave, found.steps, found.exchanged);
         Ok(found.coordinates)

@@ -232,7 +232,7 @@ mod tests {
         let decoded = decode(code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
         let found = match code.steps {
             0 => edges::coordinates(code, &views, &decoded, &edges::EdgeOptions::default()).unwrap(),
-            _ => phase::coordinates(code, &views, &decoded, &phase::PhaseOptions::default()).unwrap().coordinates,
+            _ => phase::coordinates(code, &views, &decoded, &[], &phase::PhaseOptions::default()).unwrap().coordinates,
         };
         let place = |at: usize| (scene.projector)((at % 160) as f64, (at / 160) as f64);
         let off = |at: usize| Axis::BOTH.map(|it| f64::from(found.values[it.index()][at]) - place(at)[it.index()]);

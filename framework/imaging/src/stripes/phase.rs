@@ -14,10 +14,12 @@
 //! Source: V. Srinivasan, H. Liu, M. Halioua, "Automated phase-measuring profilometry of 3-D diffuse objects", Applied Optics 23(18), 1984. A curve that is told by how
 //! often phases come: H. Guo, H. He, M. Chen, "Gamma correction for digital fringe projection profilometry", Applied Optics 43(14), 2004.
 
+use nalgebra::{Matrix2, Vector2};
+
 use super::code::{Axis, Shown, StripeCode};
 use super::edges::{Coordinates, defocus};
 use super::gray::{Decoded, NONE, same_size};
-use super::wave_steps::exchanged;
+use super::wave_steps::{covariance, exchanged};
 use crate::{ImageView, ImagingError};
 
 /// What makes a phase.
@@ -98,7 +100,7 @@ pub struct Phases {
     pub off_wave: f64,
 }
 
-/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says.
+/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says. `worked_out` are steps that were not taken but follow from the others: they tell nothing more.
 ///
 /// # Errors
 /// A code without phase steps, or a set of pictures that is not as `code` says.
@@ -106,6 +108,7 @@ pub fn coordinates(
     code: &StripeCode,
     pictures: &[ImageView<'_>],
     decoded: &Decoded,
+    worked_out: &[Shown],
     options: &PhaseOptions,
 ) -> Result<Phases, ImagingError> {
     code.check()?;
@@ -122,7 +125,7 @@ pub fn coordinates(
         }
         let place = |step: u32| code.place(Shown::Phase { axis, step }).map(|it| pictures[it].pixels());
         let steps: Vec<&[u8]> = (0..code.steps).filter_map(place).collect();
-        let seen = |steps: &[&[u8]]| Wave::new(code, axis, options).seen(steps, stripes, decoded.size[0]);
+        let seen = |steps: &[&[u8]]| Wave::new(code, axis, worked_out, options).seen(steps, stripes, decoded.size[0]);
         let Ordered { wave, steps, exchanged: pair } = in_order(steps, stripes, seen);
         (ways[axis.index()], exchanged[axis.index()]) = (wave.steps, pair);
         let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
@@ -216,6 +219,8 @@ struct Wave<'a> {
     options: &'a PhaseOptions,
     /// Cosine and sine of each step.
     turns: Vec<[f64; 2]>,
+    /// Of cosine and sine of a pixel's wave, for noise of variance 1 [–].
+    covariance: Matrix2<f64>,
     period: f64,
     half: f64,
     first: f64,
@@ -228,11 +233,15 @@ struct Wave<'a> {
 }
 
 impl<'a> Wave<'a> {
-    fn new(code: &StripeCode, axis: Axis, options: &'a PhaseOptions) -> Wave<'a> {
+    fn new(code: &StripeCode, axis: Axis, worked_out: &[Shown], options: &'a PhaseOptions) -> Wave<'a> {
+        let taken = |it: &u32| !worked_out.contains(&Shown::Phase { axis, step: *it });
+        let there: Vec<usize> = (0..code.steps).filter(taken).map(|it| it as usize).collect();
         let turn = |step: u32| std::f64::consts::TAU * f64::from(step) / f64::from(code.steps);
         let (offset, stripe) = (code.offset[axis.index()], code.stripe[axis.index()]);
         Wave {
             options,
+            covariance: covariance(&there, code.steps as usize)
+                .unwrap_or_else(|| Matrix2::identity() * (2.0 / f64::from(code.steps))),
             turns: (0..code.steps).map(|it| [turn(it).cos(), turn(it).sin()]).collect(),
             period: f64::from(code.period),
             half: f64::from(stripe),
@@ -385,10 +394,12 @@ impl<'a> Wave<'a> {
 
     /// Coordinate and standard deviation of a pixel.
     fn place(&self, sine: &Sine, stripe: u16) -> Option<(f64, f64)> {
-        let n = self.turns.len() as f64;
         let place = self.at(self.steps, (stripe, sine.phase()));
         let middle = self.middle(stripe);
-        let sigma = self.period / std::f64::consts::TAU * self.options.noise * (2.0 / n).sqrt() / sine.amplitude;
+        // dφ = (cos φ d sine − sin φ d cosine) / amplitude.
+        let across = Vector2::new(-sine.sine, sine.cosine) / sine.amplitude;
+        let noise = self.options.noise * across.dot(&(self.covariance * across)).sqrt();
+        let sigma = self.period / std::f64::consts::TAU * noise / sine.amplitude;
         ((place - middle).abs() <= AGREED * self.half).then_some((place - 0.5 - self.offset, sigma))
     }
 }

@@ -1,6 +1,6 @@
 //! Phase steps that lack, and two that are exchanged: what the others have of a wave tells them. Three make a wave, and where four and more are there the others follow from these, pixel by pixel, by least squares.
 
-use nalgebra::{DMatrix, Matrix3, Matrix3xX, MatrixXx3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3xX, MatrixXx3, Vector3};
 
 use super::gray::NONE;
 use super::phase::{LEAST, MOST, SATURATED};
@@ -15,6 +15,12 @@ const EXCHANGED: f64 = 0.5;
 /// Pixels that tell of a step of the columns in the place of one of the rows, at most and at least.
 const ACROSS: usize = 4000;
 const LEAST_ACROSS: usize = 300;
+
+/// Pixels that tell the form of waves.
+const FORM_PIXELS: usize = 4000;
+/// Turns in which the form of waves and the waves themselves are found from each other, and of one wave with a form that is known: each leaves about a fifth of what is wrong.
+const FORM_ROUNDS: usize = 8;
+const WAVE_ROUNDS: usize = 5;
 
 /// The gap that is meant leaves this part of what any other one does, and of what is left with the picture behind, at most [–].
 const MUCH_LESS: f64 = 0.5;
@@ -33,22 +39,116 @@ fn wave_by(rows: &MatrixXx3<f64>) -> Option<Matrix3xX<f64>> {
     Some(normal.try_inverse()? * rows.transpose())
 }
 
+/// Steps of which some lack, as samples of waves that need be no sines: the wave of a pixel is mean + height · (cos φ + Σ weight · cos(order · φ)), with weights that all pixels share.
+struct Steps {
+    /// By step that is there: its turn [rad].
+    turns: Vec<f64>,
+    /// From levels to mean, cosine and sine by least squares.
+    wave_by: Matrix3xX<f64>,
+    /// Of harmonics 2 and on, over the first [–].
+    weights: Vec<f64>,
+}
+
+impl Steps {
+    fn new(there: &[usize], n: usize) -> Option<Steps> {
+        let turns = there.iter().map(|it| std::f64::consts::TAU * *it as f64 / n as f64).collect();
+        Some(Steps { turns, wave_by: wave_by(&rows(there, n))?, weights: Vec::new() })
+    }
+
+    /// With the harmonics that the levels of pixels, one row each, have in common: as many as their steps tell.
+    fn with_form(mut self, levels: &[Vec<f64>]) -> Steps {
+        // Of steps that are there all, those up to half of their number are told; each that lacks takes a little of it.
+        let n_orders = (self.turns.len() / 2).saturating_sub(1);
+        self.weights = vec![0.0; n_orders];
+        for _ in 0..FORM_ROUNDS {
+            let (mut products, mut squares) = (vec![0.0; n_orders], vec![0.0; n_orders]);
+            for row in levels {
+                let wave = self.wave(row);
+                let (phase, height) = (wave.z.atan2(wave.y), wave.y.hypot(wave.z));
+                for (level, turn) in row.iter().zip(&self.turns) {
+                    let off = level - self.level(&wave, *turn);
+                    for (at, (product, square)) in products.iter_mut().zip(&mut squares).enumerate() {
+                        let form = height * ((at + 2) as f64 * (phase - turn)).cos();
+                        (*product, *square) = (*product + form * off, *square + form * form);
+                    }
+                }
+            }
+            let more = products.iter().zip(&squares).map(|it| it.0 / it.1.max(1e-9));
+            self.weights.iter_mut().zip(more).for_each(|(weight, more)| *weight += more);
+        }
+        self
+    }
+
+    /// Mean, cosine and sine of the wave of a pixel.
+    fn wave(&self, levels: &[f64]) -> Vector3<f64> {
+        let mut wave = self.wave_of(levels.iter().copied());
+        if self.weights.iter().any(|it| *it != 0.0) {
+            for _ in 0..WAVE_ROUNDS {
+                let (phase, height) = (wave.z.atan2(wave.y), wave.y.hypot(wave.z));
+                let sines =
+                    levels.iter().zip(&self.turns).map(|(level, turn)| level - height * self.form(phase - turn));
+                wave = self.wave_of(sines);
+            }
+        }
+        wave
+    }
+
+    fn wave_of(&self, levels: impl Iterator<Item = f64>) -> Vector3<f64> {
+        self.wave_by.column_iter().zip(levels).fold(Vector3::zeros(), |sum, (column, level)| sum + column * level)
+    }
+
+    /// What harmonics add to a cosine at a phase, over its height.
+    fn form(&self, phase: f64) -> f64 {
+        self.weights.iter().zip(2..).map(|(weight, order)| weight * (f64::from(order) * phase).cos()).sum()
+    }
+
+    /// The level of a wave at a turn.
+    fn level(&self, wave: &Vector3<f64>, turn: f64) -> f64 {
+        let height = wave.y.hypot(wave.z);
+        wave.x + wave.y * turn.cos() + wave.z * turn.sin() + height * self.form(wave.z.atan2(wave.y) - turn)
+    }
+
+    /// What pixels have beside their waves, squared and summed up.
+    fn beside(&self, levels: &[Vec<f64>]) -> f64 {
+        let one = |row: &Vec<f64>| {
+            let wave = self.wave(row);
+            row.iter().zip(&self.turns).map(|(level, turn)| (level - self.level(&wave, *turn)).powi(2)).sum::<f64>()
+        };
+        levels.iter().map(one).sum()
+    }
+}
+
+/// Levels of some pixels in pictures, those left out in which one of the first `n_whole` is saturated.
+fn levels_of(pictures: &[&[u8]], n_whole: usize, pixels: impl Iterator<Item = usize>) -> Vec<Vec<f64>> {
+    let is_whole = |at: &usize| pictures[..n_whole].iter().all(|it| it[*at] < SATURATED);
+    pixels.filter(is_whole).map(|at| pictures.iter().map(|it| f64::from(it[at])).collect()).collect()
+}
+
 /// Step `lacking` of `n` by those at `there`, whose pixels are `steps`; saturated where one of these is.
 pub(super) fn worked_out(steps: &[&[u8]], there: &[usize], lacking: usize, n: usize) -> Option<Vec<u8>> {
     let turn = std::f64::consts::TAU * lacking as f64 / n as f64;
-    let weights = wave_by(&rows(there, n))?.transpose() * Vector3::new(1.0, turn.cos(), turn.sin());
+    let n_pixels = steps.first()?.len();
+    let some = levels_of(steps, steps.len(), (0..n_pixels).step_by(n_pixels.div_ceil(FORM_PIXELS).max(1)));
+    let waves = Steps::new(there, n)?.with_form(&some);
+    let mut levels = vec![0.0; steps.len()];
     let pixel = |at: usize| {
-        let mut sum = 0.0;
-        for (step, weight) in steps.iter().zip(&weights) {
+        for (level, step) in levels.iter_mut().zip(steps) {
             if step[at] >= SATURATED {
                 return u8::MAX;
             }
-            sum += weight * f64::from(step[at]);
+            *level = f64::from(step[at]);
         }
         // What would be saturated is no gray level either.
-        sum.round().clamp(0.0, 255.0) as u8
+        waves.level(&waves.wave(&levels), turn).round().clamp(0.0, 255.0) as u8
     };
-    Some((0..steps.first()?.len()).map(pixel).collect())
+    Some((0..n_pixels).map(pixel).collect())
+}
+
+/// Covariance of cosine and sine of the wave of `n` steps of which those are `there`, for levels of variance 1: 2 / n of each where all are.
+pub(super) fn covariance(there: &[usize], n: usize) -> Option<Matrix2<f64>> {
+    let rows = rows(there, n);
+    let all: Matrix3<f64> = rows.transpose() * &rows;
+    Some(all.try_inverse()?.fixed_view::<2, 2>(1, 1).into_owned())
 }
 
 /// Which of `n` steps lacks, of which all others are `steps` in their order, and `next` is the picture behind them: the gap that leaves least beside the wave, over some `pixels`. `None` where no gap leaves much less
@@ -58,18 +158,12 @@ pub(super) fn gap(steps: &[&[u8]], next: Option<&[u8]>, n: usize, pixels: &[usiz
         return None;
     }
     let all: Vec<&[u8]> = steps.iter().copied().chain(next).collect();
-    let mut common = DMatrix::<f64>::zeros(all.len(), all.len());
-    for at in pixels.iter().filter(|at| steps.iter().all(|it| it[**at] < SATURATED)) {
-        for a in 0..all.len() {
-            for b in 0..all.len() {
-                common[(a, b)] += f64::from(all[a][*at]) * f64::from(all[b][*at]);
-            }
-        }
-    }
+    let some = pixels.iter().copied().step_by(pixels.len().div_ceil(FORM_PIXELS).max(1));
+    let levels = levels_of(&all, steps.len(), some);
+    // Waves are no sines where nobody measured the projector.
     let beside = |there: &[usize]| {
-        let rows = rows(there, n);
-        let common = common.view((0, 0), (there.len(), there.len()));
-        Some(common.trace() - (&rows * wave_by(&rows)? * common).trace())
+        let rows: Vec<Vec<f64>> = levels.iter().map(|it| it[..there.len()].to_vec()).collect();
+        Some(Steps::new(there, n)?.with_form(&rows).beside(&rows))
     };
     let left: Vec<f64> =
         (0..n).map(|gap| beside(&(0..n).filter(|it| *it != gap).collect::<Vec<_>>())).collect::<Option<_>>()?;

@@ -10,7 +10,7 @@ fn judge(scene: &Scene, code: &StripeCode, spoil: impl Fn(&mut Vec<Vec<u8>>)) ->
     spoil(&mut pictures);
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
     let decoded = decode(code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-    let found = coordinates(code, &views, &decoded, &PhaseOptions::default()).unwrap().coordinates;
+    let found = coordinates(code, &views, &decoded, &[], &PhaseOptions::default()).unwrap().coordinates;
     let errors: Vec<f64> = (0..19_200)
         .filter(|at| found.values[0][*at].is_finite() && !(84..93).contains(&(at % 160)))
         .map(|at| {
@@ -76,7 +76,7 @@ fn two_steps_that_are_exchanged_are_told_and_put_in_their_order() {
         let spoiled = |pairs: &[[u32; 2]]| {
             let mut views = views.clone();
             pairs.iter().for_each(|it| views.swap(place(it[0]), place(it[1])));
-            coordinates(&code, &views, &decoded, &PhaseOptions::default()).unwrap()
+            coordinates(&code, &views, &decoded, &[], &PhaseOptions::default()).unwrap()
         };
         let whole = spoiled(&[]);
         assert_eq!(whole.exchanged, [None; 2]);
@@ -132,7 +132,7 @@ fn pixels_that_see_two_surfaces_are_left_out() {
     let pictures = two.pictures(&code);
     let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
     let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
-    let found = coordinates(&code, &views, &decoded, &PhaseOptions::default()).unwrap().coordinates;
+    let found = coordinates(&code, &views, &decoded, &[], &PhaseOptions::default()).unwrap().coordinates;
     let (mut known, mut wrong) = (0, 0);
     for (at, value) in found.values[0].iter().enumerate().filter(|it| it.1.is_finite()) {
         let off = |dx: f64| (f64::from(*value) - (two.projector)((at % 160) as f64 + dx, (at / 160) as f64)[0]).abs();

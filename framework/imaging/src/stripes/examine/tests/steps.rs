@@ -15,8 +15,19 @@ fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize
 
 #[test]
 fn a_phase_step_that_lacks_is_named_and_worked_out_from_the_others() {
+    named_and_worked_out(1.0);
+}
+
+#[test]
+fn a_phase_step_of_a_projector_that_nobody_measured_is_named_and_worked_out() {
+    named_and_worked_out(2.2);
+    named_and_worked_out(0.5);
+}
+
+/// Each phase step of a wall's set, under a projector of this power, taken away.
+fn named_and_worked_out(power: f64) {
     let code = StripeCode::phase([160, 120], 8, 8);
-    let whole = wall(3).pictures(&code);
+    let whole = Scene { power, ..wall(3) }.pictures(&code);
     for (axis, step) in Axis::BOTH.into_iter().flat_map(|axis| (0..8).map(move |step| (axis, step))) {
         let place = code.place(Shown::Phase { axis, step }).unwrap();
         let mut pictures = whole.clone();
