@@ -19,8 +19,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::words::{
-    exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words, out_of_focus_in_words, soft_in_words,
-    steps_in_words, too_fine_in_words,
+    crept_in_words, exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words, out_of_focus_in_words,
+    soft_in_words, steps_in_words, too_fine_in_words,
 };
 use crate::moved::Blocks;
 use crate::pattern::{PatternSettings, calibrated_size, projector_of};
@@ -379,7 +379,10 @@ impl Decoder {
             let place = |it: usize| all_shown.iter().position(|shown| *shown == told[it]);
             let names = [drift.last, drift.first]
                 .map(|it| place(it).and_then(|it| found.picture_at(it)).map_or_else(|| told[it].to_string(), name));
-            faults.push(moved_a_little_in_words(&names, drift.by.norm()));
+            faults.push(match drift.creeps {
+                true => crept_in_words(&names, drift.by.norm()),
+                false => moved_a_little_in_words(&names, drift.by.norm()),
+            });
         }
         let white = match code.place(Shown::White) {
             Some(it) => views[it].pixels().to_vec(),

@@ -1,8 +1,8 @@
 //! A camera, or all that it sees, that moved by less than a pixel during a set.
 //!
 //! A bit and its inverse add up to the scene under full light; so do white and black, and two phase steps half a period apart. Such a sum S of a scene R that lies d pixels elsewhere is a R + c − ∇R · d: colours and
-//! shades of the surface tell d by least squares over all pixels, far finer than a pixel. Sums in the order of their pictures scatter about one d as long as nothing moves, and about two where something did. Scenes without
-//! colours or edges say nothing.
+//! shades of the surface tell d by least squares over all pixels, far finer than a pixel. Sums in the order of their pictures scatter about one d as long as nothing moves, about two where something did once, and about a line
+//! where something creeps all the time. Scenes without colours or edges say nothing.
 //!
 //! Source: B. Lucas, T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI 1981.
 
@@ -33,6 +33,8 @@ const LEAST: f64 = 0.15;
 const SIGMAS: f64 = 7.0;
 /// Few pixels say that nothing moved where a move of [`LEAST`] would be so many standard deviations away.
 const SURE: f64 = 4.0;
+/// A scene creeps where sums lie nearer to a place that moves evenly than to two that stand, by this factor: of one that moved once in the middle they lie farther away [–].
+const STEADY: f64 = 0.8;
 /// A surface that colours place no better than this says nothing, standard deviation of one sum [px].
 const KNOWN: f64 = 0.1;
 
@@ -43,14 +45,19 @@ pub struct Drift {
     pub last: usize,
     /// A picture after it.
     pub first: usize,
+    /// Whether it moved all the time from the one to the other, by as much from each picture to the next, rather than once between the two.
+    pub creeps: bool,
     /// By how much the scene moved along rows and columns of the picture [px].
     pub by: Vector2<f64>,
 }
 
 impl Drift {
     /// Makes coordinates as vague as the move makes them: of the place before or the one after, whichever is asked for, they are anywhere from right to off by all of the move.
+    ///
+    /// Of what creeps, a coordinate is of one moment of the set and is asked for at another: evenly spread both, they are off by a sixth of the square of all of the way, where it is a third of a move that comes once.
     pub fn widen(&self, coordinates: &mut Coordinates) {
         let [width, height] = coordinates.size;
+        let by = if self.creeps { self.by / std::f64::consts::SQRT_2 } else { self.by };
         for axis in Axis::BOTH.map(Axis::index) {
             let values = &coordinates.values[axis];
             if values.len() != width * height {
@@ -68,7 +75,7 @@ impl Drift {
             };
             let change = |at: usize| {
                 let slope = Vector2::new(along(at, at % width, width, 1)?, along(at, at / width, height, width)?);
-                Some(slope.dot(&self.by).abs()).filter(|it| it.is_finite())
+                Some(slope.dot(&by).abs()).filter(|it| it.is_finite())
             };
             let known: Vec<usize> = (0..values.len()).filter(|it| values[*it].is_finite()).collect();
             let changes: Vec<Option<f64>> = known.iter().map(|at| change(*at)).collect();
@@ -119,12 +126,49 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
         return None;
     }
     let places = samples.places()?;
-    let Split { at, by, scatter, sigma } = best_split(&places)?;
-    let is_told = scatter <= KNOWN.max(by.norm() / 4.0) && by.norm() >= LEAST.max(SIGMAS * sigma);
+    let is_told = |by: &Vector2<f64>, scatter: f64, sigma: f64| {
+        scatter <= KNOWN.max(by.norm() / 4.0) && by.norm() >= LEAST.max(SIGMAS * sigma)
+    };
+    let split = best_split(&places)?;
+    let ends = [pairs[0][0], pairs.iter().map(|it| it[1]).max()?];
+    let creep = Creep::of(&pairs, &places, ends);
+    if let Some(Creep { by, .. }) =
+        creep.filter(|it| is_told(&it.by, it.scatter, it.sigma) && it.scatter < STEADY * split.scatter)
+    {
+        return Some(Drift { last: ends[0], first: ends[1], creeps: true, by });
+    }
     // Sums of steps reach from the first half of the steps into the second: what moved among these lies between.
-    let first = pairs[at][0];
-    let last = pairs[..at].iter().map(|it| it[0]).max()?;
-    is_told.then_some(Drift { last, first, by })
+    let first = pairs[split.at][0];
+    let last = pairs[..split.at].iter().map(|it| it[0]).max()?;
+    is_told(&split.by, split.scatter, split.sigma).then_some(Drift { last, first, creeps: false, by: split.by })
+}
+
+/// Sums about a place that moves evenly from picture to picture.
+struct Creep {
+    /// From the first picture to the last [px].
+    by: Vector2<f64>,
+    /// Of the sums about it, standard deviation [px].
+    scatter: f64,
+    /// Of `by`, by that scatter [px].
+    sigma: f64,
+}
+
+impl Creep {
+    /// `None` where sums are all of one moment.
+    fn of(pairs: &[[usize; 2]], places: &[Vector2<f64>], [first, last]: [usize; 2]) -> Option<Creep> {
+        let n = places.len() as f64;
+        // A sum is of the moment in the middle between its two pictures.
+        let times: Vec<f64> = pairs.iter().map(|[a, b]| (a + b) as f64 / 2.0).collect();
+        let middle = times.iter().sum::<f64>() / n;
+        let mean = places.iter().sum::<Vector2<f64>>() / n;
+        let power: f64 = times.iter().map(|it| (it - middle).powi(2)).sum();
+        let product: Vector2<f64> = times.iter().zip(places).map(|(time, it)| (it - mean) * (time - middle)).sum();
+        let a_picture = product / power;
+        let off = times.iter().zip(places).map(|(time, it)| (it - mean - a_picture * (time - middle)).norm_squared());
+        let scatter = (off.sum::<f64>() / (n - 2.0)).sqrt();
+        let range = (last - first) as f64;
+        (power > 0.0).then(|| Creep { by: a_picture * range, scatter, sigma: scatter * range / power.sqrt() })
+    }
 }
 
 /// Sums in two parts, each about a place of its own.
@@ -155,9 +199,13 @@ fn best_split(places: &[Vector2<f64>]) -> Option<Split> {
     splits(places).min_by(|a, b| a.scatter.total_cmp(&b.scatter))
 }
 
-/// Whether no split can be a move, whatever more pixels would say.
+/// Whether no split can be a move, and nothing creeps, whatever more pixels would say: what creeps by so much over a set moves by half of it from the middle of its first half to that of the second.
 fn is_surely_still(places: &[Vector2<f64>]) -> bool {
-    splits(places).all(|it| it.scatter <= KNOWN && it.by.norm() + SURE * it.sigma < LEAST)
+    let half = places.len() / 2;
+    splits(places).all(|it| {
+        let least = if it.at == half { LEAST / 2.0 } else { LEAST };
+        it.scatter <= KNOWN && it.by.norm() + SURE * it.sigma < least
+    })
 }
 
 /// Pixels that tell where the scene lies in each sum, by whole rows that are spread over the picture.
@@ -308,11 +356,14 @@ mod tests {
             sigmas: [vec![0.1; 200], Vec::new()],
             ..Coordinates::default()
         };
-        Drift { last: 3, first: 4, by: Vector2::new(0.3, 0.0) }.widen(&mut coordinates);
+        Drift { last: 3, first: 4, creeps: false, by: Vector2::new(0.3, 0.0) }.widen(&mut coordinates);
         let expected = 0.1_f32.hypot(0.6 / 3_f32.sqrt());
         let is_known = (0..200).filter(|it| *it != 45);
         assert!(is_known.clone().all(|it| (coordinates.sigmas[0][it] - expected).abs() < 1e-4));
         assert_eq!(coordinates.sigmas[0][45], 0.1);
+        coordinates.sigmas[0].fill(0.1);
+        Drift { last: 0, first: 20, creeps: true, by: Vector2::new(0.3, 0.0) }.widen(&mut coordinates);
+        assert!((coordinates.sigmas[0][0] - 0.1_f32.hypot(0.6 / 6_f32.sqrt())).abs() < 1e-4);
     }
 
     #[test]
@@ -331,7 +382,52 @@ mod tests {
                     // Sums of steps of before and after lie between.
                     let range = 0.6 * by..1.15 * by + 0.03;
                     assert!(range.contains(&drift.by.norm()), "{from}, {by} px: {drift:?}");
-                    assert!(drift.last < from + 4 && drift.first + 4 >= from, "{from}, {by} px: {drift:?}");
+                    assert!(
+                        !drift.creeps && drift.last < from + 4 && drift.first + 4 >= from,
+                        "{from}, {by} px: {drift:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// The wall, farther to the right by a hundredth of a pixel times `HUNDREDTHS`.
+    fn at<const HUNDREDTHS: usize>(code: &StripeCode, seed: u64) -> Vec<Vec<u8>> {
+        fn by<const HUNDREDTHS: usize>() -> f64 {
+            HUNDREDTHS as f64 / 100.0
+        }
+        Scene {
+            projector: |x, y| (wall(1).projector)(x - by::<HUNDREDTHS>(), y),
+            albedo: |x, y| (wall(1).albedo)(x - by::<HUNDREDTHS>(), y),
+            shadow: |x, y| (wall(1).shadow)(x - by::<HUNDREDTHS>(), y),
+            ..wall(seed)
+        }
+        .pictures(code)
+    }
+
+    #[test]
+    fn a_camera_that_creeps_is_noticed() {
+        for code in [StripeCode::gray([160, 120]), StripeCode::phase([160, 120], 8, 8)] {
+            for seed in 21..=22 {
+                let stations =
+                    [at::<0>(&code, seed), at::<25>(&code, seed), at::<50>(&code, seed), at::<75>(&code, seed)];
+                let n = stations[0].len();
+                for (range, expected) in [(4, 0.75), (2, 0.25)] {
+                    // Each picture is the mean of the stations before and after it, as a camera that creeps on sees it.
+                    let crept = (0..n).map(|picture| {
+                        let place = picture as f64 / (n - 1) as f64 * (range - 1) as f64;
+                        let (from, part) =
+                            ((place as usize).min(range - 2), place - place.floor().min((range - 2) as f64));
+                        let both = stations[from][picture].iter().zip(&stations[from + 1][picture]);
+                        both.map(|(a, b)| (f64::from(*a) * (1.0 - part) + f64::from(*b) * part).round() as u8).collect()
+                    });
+                    let pictures: Vec<Vec<u8>> = crept.collect();
+                    let views: Vec<ImageView<'_>> =
+                        pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+                    let found = drift(&code, &views, 12).unwrap_or_else(|| panic!("{n}, {expected} px, seed {seed}"));
+                    let off = (found.by.norm() - expected).abs();
+                    assert!(found.creeps && off < 0.15 * expected + 0.05, "{n}, {expected} px, seed {seed}: {found:?}");
+                    assert_eq!([found.last, found.first], [0, n - 1]);
                 }
             }
         }

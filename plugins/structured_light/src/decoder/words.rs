@@ -68,6 +68,13 @@ pub(super) fn moved_a_little_in_words([last, first]: &[String; 2], px: f64) -> S
     )
 }
 
+/// What is said of a scene that creeps by `px` from the first of two pictures to the second.
+pub(super) fn crept_in_words([first, last]: &[String; 2], px: f64) -> String {
+    format!(
+        "from {first} to {last} the scene crept by {px:.2} px in the picture: the camera, or what it sees, moved all the time. Coordinates are as vague as that makes them: what stands still is known better"
+    )
+}
+
 /// What is said of a camera that blurs by a standard deviation of `sigma` px.
 pub(super) fn out_of_focus_in_words(sigma: f64) -> Option<String> {
     (sigma > OUT_OF_FOCUS).then(|| {
