@@ -2,7 +2,7 @@
 //!
 //! 1. Two neighbouring camera pixels of neighbouring stripes have a boundary between them. It belongs to one bit of the Gray code, whose
 //!    picture is brighter than its inverse on one side and darker on the other: the boundary is where the difference, over white − black, passes through zero
-//!    between the two. The projector coordinate of a boundary is known exactly.
+//!    between the two. The projector coordinate of a boundary is known exactly. Where a level is cut off, the boundary may be anywhere from there to the pixel that is brighter than it seems.
 //! 2. The projector coordinate of a pixel is that of a plane through the boundaries around it, u = a + b x + c y, with what lies off that plane left out.
 //!    Its standard deviation follows from how far boundaries are off the plane, and from how alike they lie between their pixels: what they are off by that averages out only as far as they do not.
 //! 3. A pixel whose plane is not in the stripe that it was decoded to, or does not fit, lies at a discontinuity and is left out.
@@ -53,8 +53,10 @@ pub struct Boundary {
     pub y: f32,
     /// Projector column (row) of the boundary [px].
     pub at: f32,
-    /// Standard deviation along the line of the two pixels [px].
+    /// Standard deviation along the line of the two pixels, of what is different for each [px].
     pub sigma: f32,
+    /// Standard deviation by levels that are cut off, alike for boundaries that lie alike between their pixels [px].
+    pub cut_off: f32,
 }
 
 /// No boundary counts for more than one placed as well as this, however strong: what is between two pixels is not quite a straight line [px].
@@ -83,6 +85,9 @@ const LEAST_SIGMA: f64 = 0.015;
 /// Blur of an edge from −1 to 1 times its slope: √(2 / π).
 const OF_A_SLOPE: f64 = 0.797_884_560_802_865;
 
+/// A gray level that may be cut off.
+const SATURATED: u8 = 250;
+
 /// Every so many rows and columns boundaries tell how blurred they are.
 const SAMPLED: usize = 4;
 
@@ -109,6 +114,8 @@ struct Between {
     part: f64,
     /// How much the difference of picture and inverse, over white − black, changes from one to the other [–].
     change: f64,
+    /// Where a level is cut off, what is cut off leaves open where the boundary is: standard deviation [px].
+    cut_off: f64,
 }
 
 impl<'a> Stripes<'a> {
@@ -149,6 +156,12 @@ impl<'a> Stripes<'a> {
         difference / f64::from(self.decoded.contrast[at].max(1))
     }
 
+    /// Whether a level that tells the difference of a pixel is cut off: the difference is as large as it seems, or larger.
+    fn is_cut_off(&self, plane: usize, at: usize) -> bool {
+        let Some((lit, unlit)) = self.pairs[plane] else { return false };
+        unlit.or(self.white).is_some_and(|it| it[at] >= SATURATED) || lit[at] >= SATURATED
+    }
+
     /// Boundaries between two neighbouring pixels.
     fn between(&self, from: usize, to: usize) -> impl Iterator<Item = Between> {
         let (a, b) = (self.stripes[from], self.stripes[to]);
@@ -166,7 +179,15 @@ impl<'a> Stripes<'a> {
             let plane = self.pairs.len().checked_sub(1 + number.trailing_zeros() as usize)?;
             let (before, after) = (self.difference(plane, from), self.difference(plane, to));
             let part = before / (before - after);
-            (0.0..=1.0).contains(&part).then_some(Between { number, part, change: (before - after).abs() })
+            // Anywhere from where it seems to the pixel that is brighter than it seems.
+            let open = match [from, to].map(|it| self.is_cut_off(plane, it)) {
+                [false, false] => 0.0,
+                [true, false] => 1.0 - part,
+                [false, true] => part,
+                [true, true] => 1.0,
+            };
+            let cut_off = open / 12_f64.sqrt();
+            (0.0..=1.0).contains(&part).then_some(Between { number, part, change: (before - after).abs(), cut_off })
         })
     }
 
@@ -228,7 +249,7 @@ fn placed(
     let (stripe_width, offset) = (code.stripe[axis.index()], code.offset[axis.index()]);
     let (mut list, mut starts) = (Vec::new(), Vec::with_capacity(height + 1));
     let between = |from: usize, to: usize, down: bool, list: &mut Vec<Boundary>| {
-        for Between { number, part, change } in all.between(from, to) {
+        for Between { number, part, change, cut_off } in all.between(from, to) {
             let weakest = f64::from(decoded.contrast[from].min(decoded.contrast[to]).max(1));
             let along = noise * std::f64::consts::SQRT_2 / weakest * part.hypot(1.0 - part) / change;
             let place = [from % width, from / width];
@@ -237,7 +258,13 @@ fn placed(
             let (x, y) = (place[0] as f64, place[1] as f64);
             let (x, y) = if down { (x, y + part + drawn) } else { (x + part + drawn, y) };
             let at = f64::from(number * stripe_width) - 0.5 - f64::from(offset);
-            list.push(Boundary { x: x as f32, y: y as f32, at: at as f32, sigma: along.hypot(BEST_SIGMA) as f32 });
+            list.push(Boundary {
+                x: x as f32,
+                y: y as f32,
+                at: at as f32,
+                sigma: along.hypot(BEST_SIGMA) as f32,
+                cut_off: cut_off as f32,
+            });
         }
     };
     for y in 0..height {
@@ -350,6 +377,8 @@ struct Near {
     u: f64,
     weight: f64,
     phase: [f32; 2],
+    /// What it is off by as a sine of where it lies between its pixels [px].
+    between: f64,
 }
 
 impl Field<'_> {
@@ -388,6 +417,7 @@ impl Field<'_> {
                             u,
                             weight: 1.0 / f64::from(it.sigma * it.sigma),
                             phase: *phase,
+                            between: BETWEEN_PIXELS.hypot(f64::from(it.cut_off)),
                         });
                     }
                 }
@@ -429,7 +459,7 @@ fn plane(near: &mut Vec<Near>, half: f64, max_rms: f64) -> Option<(f64, f64)> {
             let ends = near.iter().fold([f64::MAX, f64::MIN], |it, near| [it[0].min(near.u), it[1].max(near.u)]);
             let n_edges = (ends[1] - ends[0]) / (2.0 * half) + 1.0;
             let of_scatter = (variance * factor * (SHARED * n / n_edges).max(1.0)).sqrt();
-            let sigma = of_scatter.hypot(steep * BETWEEN_PIXELS * coherence(near)).hypot(LEAST_SIGMA * steep);
+            let sigma = of_scatter.hypot(steep * between_pixels(near)).hypot(LEAST_SIGMA * steep);
             let good =
                 at.abs() <= half + OUTSIDE && rms <= max_rms * (2.0 * half).max(1.0) && sigma <= MAX_SIGMA * 2.0 * half;
             return (good && sigma.is_finite()).then_some((at, sigma));
@@ -438,11 +468,12 @@ fn plane(near: &mut Vec<Near>, half: f64, max_rms: f64) -> Option<(f64, f64)> {
     None
 }
 
-/// How alike boundaries lie between their pixels: 1 where all are at the same place, and their errors with them; near 0 where these average out [–].
-fn coherence(near: &[Near]) -> f64 {
+/// What boundaries are off by together: all of it where they lie alike between their pixels, near 0 where it averages out [px].
+fn between_pixels(near: &[Near]) -> f64 {
     let (mut sine, mut cosine, mut all) = (0.0, 0.0, 0.0);
-    for Near { weight, phase: [s, c], .. } in near {
-        (sine, cosine, all) = (sine + weight * f64::from(*s), cosine + weight * f64::from(*c), all + weight);
+    for Near { weight, phase: [s, c], between, .. } in near {
+        let off = weight * between;
+        (sine, cosine, all) = (sine + off * f64::from(*s), cosine + off * f64::from(*c), all + weight);
     }
     cosine.hypot(sine) / all
 }
@@ -581,6 +612,40 @@ mod tests {
                 let off = error(&scene, y * 160 + x, 0, value);
                 assert!(value.is_nan() || off.abs() < 0.8, "({x}, {y}): {value} is off by {off}");
             }
+        }
+    }
+
+    #[test]
+    fn places_by_levels_that_are_cut_off_are_vaguer() {
+        let code = StripeCode::gray([160, 120]);
+        for seed in 6..=8 {
+            // Twice as much light as the camera takes, and as much as it takes.
+            let [bright, right] = [420.0, 200.0].map(|gain| {
+                let scene = Scene { gain, ..wall(seed) };
+                let pictures = scene.pictures(&code);
+                let views: Vec<ImageView<'_>> =
+                    pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+                let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+                let found = coordinates(&code, &views, &decoded, &EdgeOptions::default()).unwrap();
+                (found, pictures[code.place(Shown::White).unwrap()].clone())
+            });
+            let known = |at: &usize| {
+                let is_known = |it: &Coordinates| it.values[0][*at].is_finite();
+                is_known(&bright.0) && is_known(&right.0) && !(84..94).contains(&(at % 160))
+            };
+            let cut_off: Vec<usize> =
+                (0..19_200).filter(known).filter(|at| bright.1[*at] >= SATURATED && right.1[*at] < SATURATED).collect();
+            let mean_square = |of: &dyn Fn(usize) -> f64| {
+                (cut_off.iter().map(|at| of(*at).powi(2)).sum::<f64>() / cut_off.len() as f64).sqrt()
+            };
+            let sigma = |of: &Coordinates| mean_square(&|at| f64::from(of.sigmas[0][at]));
+            let sigmas = [&bright.0, &right.0].map(sigma);
+            assert!(cut_off.len() > 3000 && sigmas[0] > 1.3 * sigmas[1], "seed {seed}: {} {sigmas:?}", cut_off.len());
+            let scene = wall(seed);
+            let normalised = mean_square(&|at| {
+                error(&scene, at, 0, f64::from(bright.0.values[0][at])) / f64::from(bright.0.sigmas[0][at])
+            });
+            assert!(normalised < 1.0, "seed {seed}: {normalised}");
         }
     }
 }
