@@ -1,6 +1,6 @@
 //! `structured_light.boundaries`: pictures of a stripe boundary code one by one, and what the projector was told to show; for each picture, where in the projector it is lit from.
 //!
-//! 1. To each picture belongs the pattern during which all of its exposure lies. A picture that comes out of order, or of which no pattern is known, is left out.
+//! 1. To each picture belongs the pattern during which all of its exposure lies, or, of a recording, the next one in turn. A picture that comes out of order, or of which no pattern is known, is left out.
 //! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity (`foresight`).
 //! 3. Tracks that are known say which of the four pictures is shown. One that the projector dropped is taken for what it is.
 //! 4. The boundaries of the picture before are decoded, ghosts between where they were and are: so a map comes one picture late, and is of its own picture's time.
@@ -24,13 +24,15 @@ use crate::foresight::{Field, lit_from, shift, slope};
 use crate::pair::triangulate;
 use crate::pattern::{PatternSettings, projector_of};
 
+mod recorded;
 mod settings;
 
+use self::recorded::Recorded;
 pub use settings::BoundariesSettings;
 
 ports! {
     IMAGE: In<Image> = each("image");
-    SHOWN: In<PatternShown> = each("shown");
+    SHOWN: In<PatternShown> = each("shown").optional();
     POSE: In<HeadPose> = each("pose").optional();
     TARGETS: In<Targets> = latest("targets").of_parent().optional();
     SPACES: In<ScaleSpace> = each("spaces").many().optional();
@@ -91,6 +93,8 @@ pub struct Boundaries {
     /// Of the scale, where `spaces` says where that is, with its velocity [m/s].
     spaces: Option<(Spaces, Vector3<f64>)>,
     shown: VecDeque<Arc<PatternShown>>,
+    /// Of a recording, which pictures show which patterns.
+    recorded: Option<Recorded>,
     /// When the light of the first pattern comes.
     lit_from: Option<Time>,
     images: VecDeque<Stamped<Arc<Image>>>,
@@ -138,6 +142,10 @@ impl Node for Boundaries {
         })?;
         let projector = setup.calibration.cameras[projector_of(setup, &settings.projector)?].camera.clone();
         let options = TrackOptions { threads: settings.threads, ..TrackOptions::default() };
+        let recorded = match setup.is_connected(&SHOWN) {
+            true => None,
+            false => Some(Recorded::new(&settings, projector.image_size)?),
+        };
         let tracker = Tracker::new(camera.image_size[1] as usize, options).map_err(ConfigError::node)?;
         Ok(Self {
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
@@ -147,6 +155,7 @@ impl Node for Boundaries {
             camera,
             projector,
             shown: VecDeque::new(),
+            recorded,
             lit_from: None,
             images: VecDeque::new(),
             poses: VecDeque::new(),
@@ -228,6 +237,12 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
+        if self.recorded.is_some() && self.frames == 0 && self.empty > 0 {
+            let first = self.settings.first_shows;
+            report.remark(format!(
+                "{name}: no picture of the recording gave a map: does its first picture show pattern {first} of the code, as `first_shows` says, and is `stripe_px` what was shown?"
+            ));
+        }
         if self.lit_from.is_none() && self.unlit > 0 {
             report.remark(format!(
                 "{name}: found {} pictures and no pattern, expected a projector that says what it shows: does it run?",
@@ -350,11 +365,15 @@ impl Boundaries {
             return self.refuse(io, time, "size", fault);
         }
         self.last = Some(time);
-        if self.lit_from.is_none_or(|it| time < it) {
+        if self.recorded.is_none() && self.lit_from.is_none_or(|it| time < it) {
             self.unlit += 1;
             return;
         }
-        let Some(shown) = self.shown_at(time) else {
+        let shown = match &self.recorded {
+            Some(recorded) => Some(recorded.shown(&image.stamp)),
+            None => self.shown_at(time),
+        };
+        let Some(shown) = shown else {
             let fault = "nobody said what the projector shows during all of the exposure; are `latency_ms` and `exposure_ms` right, are camera and projector in step?";
             return self.refuse(io, time, "shown", fault.to_owned());
         };
@@ -373,7 +392,10 @@ impl Boundaries {
             return self.refuse(io, time, "direction", fault);
         }
         self.tracker.set_pitch((f64::from(code.stripe[axis]) / along) as f32);
-        let number = shown.set * FRAMES as u64 + u64::from(shown.index);
+        let number = match self.recorded {
+            Some(_) => image.stamp.sequence,
+            None => shown.set * FRAMES as u64 + u64::from(shown.index),
+        };
         let told = shown.index as usize % FRAMES;
         let Ok(view) = ImageView::new(&image.value.pixels, size[0] as usize, size[1] as usize) else {
             return self.refuse(io, time, "size", "found a picture with too few or too many pixels".to_owned());
@@ -430,15 +452,27 @@ impl Boundaries {
         }
         let instead = self.tracker.agreement(&edges).instead_of(told);
         if let Some(instead) = instead {
-            let fault = format!(
-                "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
-            );
+            let fault = match &self.recorded {
+                Some(_) => format!(
+                    "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
+                ),
+                None => format!(
+                    "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
+                ),
+            };
             self.note("dropped", time, &fault);
         }
         self.others = if instead.is_some() { self.others + 1 } else { 0 };
         if self.others > MOST_OTHERS {
-            // Tracks that say so picture after picture are no better known than what the projector was told.
-            self.tracker.reset();
+            match (&mut self.recorded, instead) {
+                // From here on the recording is so many pictures ahead.
+                (Some(recorded), Some(instead)) => {
+                    recorded.goes_on_with(told, instead);
+                    self.others = 0;
+                }
+                // Tracks that say so picture after picture are no better known than what the projector was told.
+                _ => self.tracker.reset(),
+            }
         }
         self.tracker.update(&edges, instead.unwrap_or(told));
         if let Some(before) = before.filter(|_| passed == 1) {

@@ -1,8 +1,11 @@
 //! What `structured_light.boundaries` is told.
 
+use foveate::imaging::stripes::boundary::FRAMES;
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::pattern::PatternSettings;
 
 /// Settings of [`super::Boundaries`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -10,6 +13,14 @@ use serde::{Deserialize, Serialize};
 pub struct BoundariesSettings {
     /// The projector's name in the calibration [–]
     pub projector: String,
+    /// Width of a stripe of a recording, which is read where nothing is connected to `shown`: its pictures show the four patterns one after the other [px]
+    #[schemars(range(min = 2, max = 1024))]
+    pub stripe_px: u32,
+    /// What the stripes of a recording tell: `columns` or `rows` of the projector [–]
+    pub stripes: String,
+    /// Which of the four patterns the first picture of a recording shows [–]
+    #[schemars(range(min = 0, max = 3))]
+    pub first_shows: u32,
     /// From telling the projector to show a picture to its light [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_ms: f64,
@@ -48,6 +59,9 @@ impl Default for BoundariesSettings {
     fn default() -> Self {
         Self {
             projector: crate::pattern::default_projector(),
+            stripe_px: PatternSettings::default().stripe_px,
+            stripes: "columns".to_owned(),
+            first_shows: 0,
             latency_ms: 30.0,
             exposure_ms: 4.0,
             distance_m: [0.3, 20.0],
@@ -67,6 +81,12 @@ impl Default for BoundariesSettings {
 impl BoundariesSettings {
     /// Whether all of them are what they may be.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
+        ConfigError::unless_in("stripe_px", self.stripe_px, 2..=1024)?;
+        if !["columns", "rows"].contains(&self.stripes.as_str()) {
+            let message = format!("found `{}`, expected `columns` or `rows`", self.stripes);
+            return Err(ConfigError::at("stripes", message));
+        }
+        ConfigError::unless_in("first_shows", self.first_shows, 0..=FRAMES as u32 - 1)?;
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=1000.0)?;
         ConfigError::unless_in("exposure_ms", self.exposure_ms, 0.0..=100.0)?;
         let [near, far] = self.distance_m;

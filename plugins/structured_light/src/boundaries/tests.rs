@@ -1,5 +1,6 @@
 //! A wall that comes nearer under a boundary code, and everything that can go wrong with it.
 
+use foveate::imaging::stripes::code::Group;
 use foveate::imaging::stripes::pattern::picture;
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
@@ -254,11 +255,45 @@ fn a_projector_that_shows_all_pictures_too_late_is_told_rather_than_believed() {
 }
 
 #[test]
+fn a_recording_is_read_without_a_projector() {
+    let code = StripeCode::boundary([1024, 768], STRIPE, &[Group::Stripes(Axis::Columns)]);
+    // Pictures in their order, of which some do not get there, unnoticed.
+    let read = |first_shows: u32, lost: Option<usize>| {
+        let settings = BoundariesSettings { stripe_px: STRIPE, first_shows, ..near() };
+        let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image"])).unwrap();
+        for number in (0..18).filter(|it| Some(*it) != lost) {
+            bench.feed(&IMAGE, time(number), seen(number, (number + 2) % 4, 1.0, &code)).unwrap();
+        }
+        let maps: Vec<_> = bench.outputs(&MAP).into_iter().map(|it| (it.time(), it.value)).collect();
+        (maps, bench.finish().unwrap())
+    };
+    for lost in [None, Some(8)] {
+        let (maps, report) = read(2, lost);
+        for (at, map) in &maps {
+            let number = (0..18).find(|it| time(*it) == *at).unwrap();
+            let (n, wrong, _) = judge(map, number);
+            assert!(wrong * 1000 <= n, "{lost:?}, picture {number}: {n} pixels, {wrong} wrong");
+        }
+        let (at, last) = maps.last().unwrap();
+        assert!(*at == time(16) && last.n_known > 25_000, "{lost:?}: {} at {} s", last.n_known, at.as_s());
+        assert_eq!(report.remarks.iter().any(|it| it.contains("lacks in the recording")), lost.is_some());
+    }
+    // Another pattern than the first picture shows.
+    let (maps, report) = read(0, None);
+    let known: u32 = maps.iter().map(|it| it.1.n_known).sum();
+    assert!(known < 20_000, "{known}");
+    assert!(!maps.is_empty() || report.remarks.iter().any(|it| it.contains("`first_shows`")), "{:?}", report.remarks);
+}
+
+#[test]
 fn settings_out_of_range_are_refused() {
     let refused = |settings| Boundaries::new(settings, &setup(&[])).err().and_then(|it| it.setting);
     assert_eq!(refused(BoundariesSettings { distance_m: [2.0, 1.0], ..near() }).as_deref(), Some("distance_m"));
     assert_eq!(refused(BoundariesSettings { beside_px: 0.0, ..near() }).as_deref(), Some("beside_px"));
     assert_eq!(refused(BoundariesSettings { threads: 0, ..near() }).as_deref(), Some("threads"));
+    assert_eq!(refused(BoundariesSettings { first_shows: 4, ..near() }).as_deref(), Some("first_shows"));
+    assert_eq!(refused(BoundariesSettings { stripe_px: 1, ..near() }).as_deref(), Some("stripe_px"));
+    assert_eq!(refused(BoundariesSettings { stripes: "both".into(), ..near() }).as_deref(), Some("stripes"));
 }
 
 #[test]
