@@ -53,8 +53,14 @@ impl Guide {
         let now = progress.now.as_s();
         let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
         let mut err = std::io::stderr().lock();
-        if !self.is_terminal {
+        // A board that was recorded has the views that it has: the verdict says what they lack.
+        let is_recorded_board = self.is_board && !self.is_live;
+        if !self.is_terminal || is_recorded_board {
             let frames: u32 = (0..coverage.n_cameras()).map(|it| coverage.frames(it)).min().unwrap_or(0);
+            if is_recorded_board {
+                drop(writeln!(err, "{now:7.1}{whole} s   each camera saw the board in {frames} views or more"));
+                return;
+            }
             let state = coverage.state();
             let advice = state.missing.first().map_or_else(|| "enough".to_owned(), |it| it.to_string());
             let advice = if self.is_board { of_board(&advice) } else { advice };
