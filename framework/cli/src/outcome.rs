@@ -7,7 +7,7 @@ use std::collections::btree_map::Entry;
 use std::fmt::Write;
 use std::path::Path;
 
-use foveate_engine::{GapRecord, Outcome, Unmet};
+use foveate_engine::{FaultRecord, GapRecord, Outcome, Unmet};
 use foveate_node::error::Blame;
 use foveate_rig::graph::Graph;
 
@@ -80,7 +80,11 @@ pub fn lost(outcome: &Outcome, elsewhere: &str) -> Vec<String> {
         (without_cameras(&it.instance), kind(is_camera, &it.reason))
     };
     let mut shown: BTreeMap<String, usize> = BTreeMap::new();
+    let faults = &outcome.faults[..outcome.faults.len().min(SHOWN)];
     for (gap, others) in alike(&outcome.gaps, of_kind) {
+        if others == 0 && faults.iter().any(|it| says(it, gap)) {
+            continue;
+        }
         let of_node = shown.entry(without_cameras(&gap.instance)).or_default();
         *of_node += 1;
         if *of_node <= GAPS_SHOWN {
@@ -95,6 +99,11 @@ pub fn lost(outcome: &Outcome, elsewhere: &str) -> Vec<String> {
         lines.push(format!("fault: {place} at {}{count}: {} ({})", fault.time, fault.message, fault.action));
     }
     lines
+}
+
+/// Whether a fault tells what a gap of its node would: then it is not said twice.
+fn says(fault: &FaultRecord, gap: &GapRecord) -> bool {
+    fault.instance == gap.instance && !gap.reason.is_empty() && fault.message.contains(&gap.reason)
 }
 
 /// The first of each kind, in their order, and how many more there are of it.
@@ -182,6 +191,8 @@ pub fn exit_code(outcome: &Outcome) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use foveate_node::Time;
+
     use super::*;
 
     #[test]
@@ -189,6 +200,28 @@ mod tests {
         let list = ["a 1", "b", "a 2", "a 3"];
         assert_eq!(alike(&list, |it| it.chars().next()), [(&"a 1", 2), (&"b", 0)]);
         assert_eq!(and_more(0), "");
+    }
+
+    #[test]
+    fn a_gap_whose_reason_a_fault_of_its_node_names_is_said_once() {
+        let gap = |instance: &str, reason: &str| GapRecord {
+            instance: instance.to_owned(),
+            reason: reason.to_owned(),
+            time: Time::ZERO,
+            count: 1,
+        };
+        let fault = FaultRecord {
+            instance: "room.decoded[camera]".to_owned(),
+            blame: Blame::Input,
+            message: "none of 1 sets could be decoded: scan: too dark".to_owned(),
+            action: "while finishing",
+            time: Time::ZERO,
+            count: 1,
+        };
+        assert!(says(&fault, &gap("room.decoded[camera]", "scan: too dark")));
+        assert!(!says(&fault, &gap("room.decoded[camera]", "scan: too bright")));
+        assert!(!says(&fault, &gap("room.decoded[other]", "scan: too dark")));
+        assert!(!says(&fault, &gap("room.decoded[camera]", "")));
     }
 
     #[test]

@@ -35,7 +35,7 @@ ports! {
 figures! {
     "decoder.sets.*": count, high, "Sets of pictures of the camera of which at least one axis was decoded";
     "decoder.sets_refused.*": count, low, "Sets of pictures of the camera of which nothing could be decoded";
-    "decoder.faults.*": count, low, "What was wrong with sets of pictures of the camera, each named in a remark";
+    "decoder.faults.*": count, low, "What was wrong with sets of pictures of the camera, each named in a remark, or at the gap of a set that is refused";
     "decoder.known_share.*": share, high, "Pixels of the camera with a projector coordinate over those that the projector lights, over all sets that were decoded";
 }
 
@@ -117,6 +117,9 @@ pub struct Decoder {
     sets: u64,
     refused: u64,
     faults: Vec<String>,
+    /// Of sets that are refused: how many faults, and those of the first.
+    n_refused_faults: usize,
+    first_refusal: Option<String>,
     remarks: Vec<String>,
     known: u64,
     lit: u64,
@@ -175,6 +178,8 @@ impl Node for Decoder {
             sets: 0,
             refused: 0,
             faults: Vec::new(),
+            n_refused_faults: 0,
+            first_refusal: None,
             remarks: Vec::new(),
             known: 0,
             lit: 0,
@@ -196,9 +201,12 @@ impl Node for Decoder {
             }
             Err(faults) => {
                 self.refused += 1;
+                self.n_refused_faults += faults.len();
                 let faults: Vec<String> = faults.into_iter().map(|it| of_set(&set.value, it)).collect();
-                io.gap(&MAP, set.time(), faults.join("; "));
-                self.faults.extend(faults);
+                let reason = faults.join("; ");
+                // A gap tells it: it is no remark too.
+                self.first_refusal.get_or_insert_with(|| reason.clone());
+                io.gap(&MAP, set.time(), reason);
             }
         }
         Ok(())
@@ -208,11 +216,11 @@ impl Node for Decoder {
         let name = &self.camera_name;
         report.figure(format!("decoder.sets.{name}"), self.sets as f64);
         report.figure(format!("decoder.sets_refused.{name}"), self.refused as f64);
-        report.figure(format!("decoder.faults.{name}"), self.faults.len() as f64);
+        report.figure(format!("decoder.faults.{name}"), (self.faults.len() + self.n_refused_faults) as f64);
         report.figure(format!("decoder.known_share.{name}"), self.known as f64 / self.lit as f64);
         self.faults.iter().chain(&self.remarks).for_each(|it| report.remark(it.clone()));
         if self.sets == 0 && self.refused > 0 {
-            let first = self.faults.first().map(String::as_str).unwrap_or_default();
+            let first = self.first_refusal.as_deref().unwrap_or_default();
             let n = self.refused;
             return Err(NodeError::input(format!("none of {n} sets of pictures could be decoded: {first}")));
         }
