@@ -107,6 +107,8 @@ pub struct Decoder {
     /// From the settings; none where only a manifest says it.
     code: Option<StripeCode>,
     decoded: Decoded,
+    /// The finest bits of columns and rows, so many, without which it was decoded.
+    level: [u32; 2],
     /// Part of the pixels whose phase steps are on no wave [–].
     off_wave: f64,
     exchanged: [Option<[u32; 2]>; 2],
@@ -171,6 +173,7 @@ impl Node for Decoder {
             projector_size,
             code,
             decoded: Decoded::default(),
+            level: [0; 2],
             off_wave: 0.0,
             exchanged: [None; 2],
             worked_out: Vec::new(),
@@ -378,7 +381,13 @@ impl Decoder {
         let (mut coordinates, filled) =
             self.coordinates(&code, &views, &axes, &options, &in_parts, noise).map_err(one)?;
         let soft = leave_out_soft_ends(&mut coordinates, &self.decoded.contrast, code.projector);
-        faults.extend(Axis::BOTH.into_iter().filter_map(|axis| soft_in_words(axis, soft[axis.index()])));
+        faults.extend(Axis::BOTH.into_iter().filter(|it| soft[it.index()] > 0.0).filter_map(|axis| {
+            let values = &coordinates.values[axis.index()];
+            // What is decoded are the stripes of the last of the codes that were tried.
+            let (code, views) = coarser(&code, &views, self.level);
+            let of_stripes = edges::stripe_blur(&code, &views, &self.decoded, axis, values).ok().flatten();
+            soft_in_words(axis, soft[axis.index()], of_stripes)
+        }));
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         faults.extend(out_of_focus_in_words(coordinates.blur));
         if let Some(drift) = &drift {
@@ -500,11 +509,8 @@ impl Decoder {
                 if open.as_ref().is_some_and(|it| !it.iter().flatten().any(|it| *it)) {
                     continue;
                 }
-                let coarse = code.without_finest(level);
-                let shown = code.pictures();
-                let is_kept = coarse.pictures();
-                let views: Vec<ImageView<'_>> =
-                    shown.iter().zip(views).filter(|it| is_kept.contains(it.0)).map(|it| *it.1).collect();
+                let (coarse, views) = coarser(code, views, level);
+                self.level = level;
                 decode_into(&coarse, &views, axes, options, &mut self.decoded).map_err(|fault| fault.to_string())?;
                 let (Some(all), Some(open)) = (&mut all, open) else {
                     all = Some(self.of_bits(&coarse, &views, noise, [None, None])?);
@@ -551,6 +557,14 @@ impl Decoder {
         (self.off_wave, self.steps, self.exchanged) = (found.off_wave, found.steps, found.exchanged);
         Ok(found.coordinates)
     }
+}
+
+/// A code without its finest bits of columns and rows, so many, and its pictures.
+fn coarser<'a>(code: &StripeCode, views: &[ImageView<'a>], without: [u32; 2]) -> (StripeCode, Vec<ImageView<'a>>) {
+    let coarse = code.without_finest(without);
+    let (shown, is_kept) = (code.pictures(), coarse.pictures());
+    let views = shown.iter().zip(views).filter(|it| is_kept.contains(it.0)).map(|it| *it.1).collect();
+    (coarse, views)
 }
 
 /// What is said of a set, with its name before it unless it names the set's pictures or files anyway.

@@ -88,8 +88,11 @@ const OF_A_SLOPE: f64 = 0.797_884_560_802_865;
 /// A gray level that may be cut off.
 const SATURATED: u8 = 250;
 
-/// Every so many rows and columns boundaries tell how blurred they are.
+/// Every so many rows and columns boundaries tell how blurred they are; so many tell it.
 const SAMPLED: usize = 4;
+const MIN_BLURS: usize = 50;
+/// Of how blurred they are those tell that are ends of stripes which are wider than the finest by so many powers of two.
+const WIDE: u32 = 2;
 
 /// The picture of a bit and its inverse.
 type Pair<'a> = (&'a [u8], Option<&'a [u8]>);
@@ -219,6 +222,36 @@ pub fn defocus(
     noise: f64,
 ) -> Result<Defocus, ImagingError> {
     Ok(Stripes::new(code, pictures, decoded, axis)?.defocus(noise))
+}
+
+/// How blurred the boundaries of the stripes of `axis` are, by camera and projector together, on a set's pixels whose coordinates are `values`: of the sharper third of them, standard deviation [projector px]. `None` where too
+/// few tell it.
+///
+/// # Errors
+/// A set of pictures that is not as `code` says.
+pub fn stripe_blur(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    decoded: &Decoded,
+    axis: Axis,
+    values: &[f32],
+) -> Result<Option<f64>, ImagingError> {
+    let all = Stripes::new(code, pictures, decoded, axis)?;
+    let [width, height] = decoded.size;
+    let mut blurs: Vec<f64> = Vec::new();
+    for at in (0..height).step_by(SAMPLED).flat_map(|y| (0..width).step_by(SAMPLED).map(move |x| y * width + x)) {
+        let beside = [(at % width + 1 < width, at + 1), (at + width < width * height, at + width)];
+        for (_, other) in beside.into_iter().filter(|it| it.0) {
+            let [from, to] = [at, other].map(|it| values.get(it).copied().unwrap_or(f32::NAN));
+            let apart = f64::from((to - from).abs());
+            // Beside the ends of narrow stripes the next ones take light off, too.
+            let is_wide = |it: &Between| it.number.trailing_zeros() >= WIDE || code.steps > 0;
+            let of_pair = all.between(at, other).filter(is_wide).map(|it| OF_A_SLOPE / it.change * apart);
+            blurs.extend(of_pair.filter(|it| it.is_finite()));
+        }
+    }
+    blurs.sort_by(f64::total_cmp);
+    Ok(blurs.get(blurs.len() / 3).copied().filter(|_| blurs.len() >= MIN_BLURS))
 }
 
 /// All boundaries of the stripes of `axis`, row by row, in a row ascending by `x`; with, by row, where it begins, and the end.

@@ -12,6 +12,8 @@ const TOLD_FILLED: f64 = 0.15;
 const OUT_OF_FOCUS: f64 = 1.2;
 /// And a projector whose light fades at the ends of its picture by more than this [projector px].
 const SOFT: f64 = 1.5;
+/// Light fades at the ends of a projector's picture by no more than so many times what blurs its stripes [–].
+const SOFTER: f64 = 1.4;
 
 /// The finest of so many bits, by their numbers.
 fn finest(bits: u32, n: u32) -> String {
@@ -85,9 +87,11 @@ pub(super) fn out_of_focus_in_words(sigma: f64) -> Option<String> {
     })
 }
 
-/// What is said of a projector whose light fades at the ends of its picture by `sigma` px.
-pub(super) fn soft_in_words(axis: Axis, sigma: f64) -> Option<String> {
-    (sigma > SOFT).then(|| {
+/// What is said of a projector whose light fades at the ends of its picture by `sigma` px, while boundaries of stripes are blurred by `of_stripes` px, where that is known.
+pub(super) fn soft_in_words(axis: Axis, sigma: f64, of_stripes: Option<f64>) -> Option<String> {
+    // Light that fades where stripes are sharp fades by the surface.
+    let is_blur = of_stripes.is_none_or(|it| sigma <= SOFTER * it);
+    (sigma > SOFT && is_blur).then(|| {
         format!(
             "the projector is out of focus: its light fades at the first or the last of the {} by a standard deviation of {sigma:.1} of its pixels, expected below {SOFT}: places near there are drawn inwards, and are left out",
             axis.in_words()
