@@ -215,7 +215,7 @@ impl BlobFinder {
         self.zeros.resize(mask.len(), 0);
         self.component.begin(mask.len(), width);
         self.pieces.clear();
-        let frame = Frame { pixels: mask, thresholds: &self.zeros, width, height };
+        let frame = Frame { pixels: mask, thresholds: &self.zeros, width, height, raised: 0 };
         const BLOCK: usize = 64;
         for start in (0..mask.len()).step_by(BLOCK) {
             let end = (start + BLOCK).min(mask.len());

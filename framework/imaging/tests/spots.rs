@@ -20,6 +20,7 @@ const ANY: SpotLimits = SpotLimits {
     max_area: u32::MAX,
     max_elongation: f64::INFINITY,
     min_fill: 0.0,
+    part: false,
     max_spots: usize::MAX,
     max_components: usize::MAX,
 };

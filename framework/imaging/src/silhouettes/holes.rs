@@ -32,7 +32,7 @@ impl HoleFiller {
         self.zeros.clear();
         self.zeros.resize(columns * rows, 0);
         self.component.begin(columns * rows, columns);
-        let frame = Frame { pixels: &self.open, thresholds: &self.zeros, width: columns, height: rows };
+        let frame = Frame { pixels: &self.open, thresholds: &self.zeros, width: columns, height: rows, raised: 0 };
         for i in 0..columns * rows {
             if self.open[i] == 0 || self.component.taken(i) {
                 continue;

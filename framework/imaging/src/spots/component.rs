@@ -13,11 +13,22 @@ pub(crate) struct Frame<'a> {
     pub thresholds: &'a [u8],
     pub width: usize,
     pub height: usize,
+    /// Added to each threshold [gray level].
+    pub raised: u8,
 }
 
 impl Frame<'_> {
-    fn lit(&self, index: usize) -> bool {
-        self.pixels[index] > self.thresholds[index]
+    pub fn lit(&self, index: usize) -> bool {
+        self.pixels[index] > self.threshold(index)
+    }
+
+    /// By how much a pixel exceeds its threshold [gray level].
+    pub fn excess(&self, index: usize) -> u8 {
+        self.pixels[index].saturating_sub(self.threshold(index))
+    }
+
+    fn threshold(&self, index: usize) -> u8 {
+        self.thresholds[index].saturating_add(self.raised)
     }
 }
 
@@ -117,15 +128,19 @@ impl Component {
         &self.runs
     }
 
+    /// The runs of the group taken last, sorted by row, then column.
+    pub fn last_runs(&self) -> &[Run] {
+        &self.runs[self.first_run..]
+    }
+
     /// Takes the lit pixels to both sides of the lit pixel (x, y); returns the column after the last.
     fn take_run(&mut self, frame: &Frame, x: usize, y: usize) -> usize {
         let row = y * frame.width..(y + 1) * frame.width;
-        let (pixels, thresholds) = (&frame.pixels[row.clone()], &frame.thresholds[row.clone()]);
         let (mut x0, mut x1) = (x, x + 1);
-        while x0 > 0 && pixels[x0 - 1] > thresholds[x0 - 1] {
+        while x0 > 0 && frame.lit(row.start + x0 - 1) {
             x0 -= 1;
         }
-        while x1 < frame.width && pixels[x1] > thresholds[x1] {
+        while x1 < frame.width && frame.lit(row.start + x1) {
             x1 += 1;
         }
         self.mark(row.start + x0, row.start + x1);
@@ -304,6 +319,7 @@ fn add_span(
     // s₁ = Σ w (x + 1), s₂ = Σ w (x + 1)(x + 2) / 2.
     let (mut sum, mut sum_1, mut n, mut n_1, mut n_2, mut rim) = (0i64, 0i64, 0i64, 0i64, 0i64, 0i64);
     for (&pixel, &threshold) in frame.pixels[row.clone()].iter().zip(&frame.thresholds[row]).rev() {
+        let threshold = threshold.saturating_add(frame.raised);
         let open = threshold < 255; // a pixel that can never be lit has no light
         let weight = if open { pixel.saturating_sub(threshold.saturating_sub(foot)) } else { 0 };
         sum += i64::from(weight);

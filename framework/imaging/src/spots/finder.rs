@@ -4,7 +4,8 @@
 //! with the lowest threshold of its tile; where that is exceeded, 16 px at a time are compared with their own
 //! thresholds; only a pixel brighter than its own threshold starts work of its own.
 
-use super::component::{Component, Frame};
+use super::component::{Component, Frame, Shape};
+use super::parts::Parts;
 use super::{Found, Measure, Sampling, Spot, SpotLimits, Window};
 use crate::thresholds::{LANES, TILE_HEIGHT, TILE_WIDTH};
 use crate::{ImageView, ImagingError, ThresholdMap};
@@ -13,6 +14,7 @@ use crate::{ImageView, ImagingError, ThresholdMap};
 pub struct SpotFinder {
     measure: Measure,
     component: Component,
+    parts: Parts,
     /// First pixel of each kept spot, for the order.
     order: Vec<((usize, usize), Spot)>,
 }
@@ -21,7 +23,7 @@ impl SpotFinder {
     /// A finder that measures centres as `measure` says; [`ImagingError::Setting`] when that cannot be.
     pub fn new(measure: Measure) -> Result<Self, ImagingError> {
         measure.check()?;
-        Ok(Self { measure, component: Component::default(), order: Vec::new() })
+        Ok(Self { measure, component: Component::default(), parts: Parts::default(), order: Vec::new() })
     }
 
     /// How centres are measured.
@@ -64,7 +66,7 @@ impl SpotFinder {
         self.component.begin(image.pixels().len(), image.width());
         self.order.clear();
         let (width, height) = image.size();
-        let frame = Frame { pixels: image.pixels(), thresholds: thresholds.thresholds(), width, height };
+        let frame = Frame { pixels: image.pixels(), thresholds: thresholds.thresholds(), width, height, raised: 0 };
         let mut search = Search { finder: self, frame, limits, n_components: 0, found: Found::default() };
         for window in windows {
             search.window(window, thresholds);
@@ -190,20 +192,38 @@ impl Search<'_> {
         }
         self.n_components += 1;
         let shape = component.take(&self.frame, x, y);
+        let SpotFinder { measure, component, parts, order } = &mut *self.finder;
         let limits = self.limits;
+        if !limits.admit_area(shape.area) {
+            self.found.refused += 1;
+            return;
+        }
+        let spot = component.measure(&self.frame, &shape, measure);
+        let apart =
+            if limits.part { parts.of(&self.frame, component.last_runs(), &shape, &spot, measure) } else { &[] };
+        let whole = [(shape, spot)];
+        let spots = if apart.is_empty() { &whole } else { apart };
+        for (shape, spot) in spots {
+            if !limits.admit(shape) {
+                self.found.refused += 1;
+            } else if order.len() == limits.max_spots {
+                self.found.truncated = true;
+            } else {
+                order.push((shape.first, spot.clone()));
+            }
+        }
+    }
+}
+
+impl SpotLimits {
+    fn admit_area(&self, area: u64) -> bool {
+        (u64::from(self.min_area)..=u64::from(self.max_area)).contains(&area)
+    }
+
+    fn admit(&self, shape: &Shape) -> bool {
         let [x0, y0, x1, y1] = shape.bounds;
         let fill = shape.area as f64 / ((x1 - x0 + 1) * (y1 - y0 + 1)) as f64;
-        if !(u64::from(limits.min_area)..=u64::from(limits.max_area)).contains(&shape.area)
-            || shape.elongation > limits.max_elongation
-            || fill < limits.min_fill
-        {
-            self.found.refused += 1;
-        } else if self.finder.order.len() == limits.max_spots {
-            self.found.truncated = true;
-        } else {
-            let spot = component.measure(&self.frame, &shape, &self.finder.measure);
-            self.finder.order.push((shape.first, spot));
-        }
+        self.admit_area(shape.area) && shape.elongation <= self.max_elongation && fill >= self.min_fill
     }
 }
 

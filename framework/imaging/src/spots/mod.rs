@@ -6,6 +6,7 @@
 
 pub(crate) mod component;
 mod finder;
+mod parts;
 
 use nalgebra::{Matrix2, Point2};
 
@@ -54,6 +55,9 @@ pub struct SpotLimits {
     pub max_elongation: f64,
     /// Smallest [`Spot::fill`] kept, 0..=1. Removes frames, cables and other hollow or branched things.
     pub min_fill: f64,
+    /// Whether lights that touch, and a light that touches a patch of something less bright, are parted: each then is a spot by itself, which the other limits
+    /// hold for. Otherwise all that is connected is one spot, whose centre lies in between.
+    pub part: bool,
     /// At most this many spots are reported; [`Found::truncated`] says that there were more.
     pub max_spots: usize,
     /// At most this many groups of connected lit pixels are looked at, kept or not. Bounds the time that a picture full
@@ -62,9 +66,17 @@ pub struct SpotLimits {
 }
 
 impl Default for SpotLimits {
-    /// 2 px² to 2,000 px², elongation up to 4, fill from 0.3, 256 spots of 4,096 groups: LEDs of a wide camera.
+    /// 2 px² to 2,000 px², elongation up to 4, fill from 0.3, nothing parted, 256 spots of 4,096 groups: LEDs of a wide camera.
     fn default() -> Self {
-        Self { min_area: 2, max_area: 2000, max_elongation: 4.0, min_fill: 0.3, max_spots: 256, max_components: 4096 }
+        Self {
+            min_area: 2,
+            max_area: 2000,
+            max_elongation: 4.0,
+            min_fill: 0.3,
+            part: false,
+            max_spots: 256,
+            max_components: 4096,
+        }
     }
 }
 
