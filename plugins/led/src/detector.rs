@@ -80,6 +80,9 @@ pub struct DetectorSettings {
     /// Part of its bounding box that a spot fills, at least; removes hollow and branched things [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_fill: f64,
+    /// Whether lights that touch are parted, and a light is told from skin or cloth that it touches and that is brighter than what was learnt behind it; not
+    /// with whole pixels (`centroid = "integer"`), as in the paper [–].
+    pub part: bool,
     /// Spots of one picture, at most [–].
     #[schemars(range(min = 1, max = 10000))]
     pub max_features: u32,
@@ -132,6 +135,7 @@ impl Default for DetectorSettings {
             max_area_px: 400,
             max_elongation: 4.0,
             min_fill: 0.3,
+            part: true,
             max_features: 256,
             pixel_noise: 3.0,
             colours: Vec::new(),

@@ -131,6 +131,7 @@ impl LedDetector {
             max_area: settings.max_area_px,
             max_elongation: settings.max_elongation,
             min_fill: settings.min_fill,
+            part: settings.part && settings.centroid == CentroidKind::Weighted,
             max_spots: settings.max_features as usize,
             ..SpotLimits::default()
         };

@@ -86,6 +86,17 @@ fn two_lights_of_a_frame_come_back_each_as_itself_whichever_is_first() {
 }
 
 #[test]
+fn a_light_that_stops_while_nobody_sees_it_comes_back_as_itself() {
+    let mut rig = Rig::new(8, IntegratorSettings { lost_after_ms: 50.0, ..IntegratorSettings::default() });
+    let way = |t: f64| Point3::new(0.2, -1.4 + 2.5 * t.min(1.05), 1.2);
+    rig.watch(1.0, |t| [Some(way(t))]);
+    rig.watch(0.25, |_| [None]);
+    assert_eq!(rig.tracker.tally().deaths_unseen, 1);
+    rig.watch(0.2, |t| [Some(way(t))]);
+    assert_eq!(rig.ids([way(2.0)]), [Some(0)]);
+}
+
+#[test]
 fn a_light_is_remembered_for_as_long_as_the_rig_says() {
     for (gone_s, same) in [(0.7, true), (1.2, false)] {
         let mut rig = Rig::new(8, IntegratorSettings { remember_ms: 900.0, ..IntegratorSettings::default() });

@@ -173,7 +173,7 @@ impl Memory {
         let unseen = newborn
             .tracks
             .iter()
-            .filter(|it| it.is_coasting(newborn.now))
+            .filter(|it| it.is_coasting(newborn.now) || it.is_astray())
             .filter_map(|track| Some((Lost::of(track, newborn.now).misfit(newborn, reach)?, Ok(track.id))));
         let mut misfits: SmallVec<[(f64, Result<TargetId, usize>); 8]> = lost.chain(unseen).collect();
         misfits.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -281,10 +281,12 @@ impl Lost {
         let mut filter = self.filter.clone();
         let straight_s =
             (HEADING_LASTS_S - (self.filter_at - self.seen_at).as_s()).clamp(0.0, (now - self.filter_at).as_s());
+        let seen_last = filter.position() - filter.velocity() * (self.filter_at - self.seen_at).as_s();
         filter.predict(straight_s);
         let turned = reach.speed * (unseen_s - HEADING_LASTS_S).max(0.0);
         let spread = self.wander.variance(unseen_s) + turned * turned + variance + KNOWN_TO * KNOWN_TO;
-        let motion = (filter.position() - place).norm_squared() / spread;
+        // One that slowed down or stopped meanwhile lies on the way there.
+        let motion = off_way(&seen_last, &filter.position(), &place).norm_squared() / spread;
         let known = self.neighbours.iter().filter(|it| it.looks >= ENOUGH_LOOKS);
         let arrangement: f64 = known
             .filter_map(|neighbour| {
@@ -297,4 +299,11 @@ impl Lost {
         let far = if arrangement <= ARRANGED { 4.0 * gate } else { gate };
         (motion <= far && motion + arrangement <= gate).then_some(motion + arrangement)
     }
+}
+
+/// From the nearest point of the way between `from` and `to` to `place` [m].
+fn off_way(from: &Point3<f64>, to: &Point3<f64>, place: &Point3<f64>) -> Vector3<f64> {
+    let way = to - from;
+    let part = (place - from).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE);
+    place - (from + way * part.clamp(0.0, 1.0))
 }

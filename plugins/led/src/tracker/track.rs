@@ -31,6 +31,9 @@ pub(super) struct Track {
     pub is_tentative: bool,
     /// Frames that showed its place without it, since the last one that saw it.
     misses: u32,
+    /// Part of the frames that show its place that see it: usually, and of late [–].
+    share: f64,
+    share_of_late: f64,
     /// What the filter took in lately; empty unless late observations are put in their place.
     pub history: History,
     /// How far the others around it are.
@@ -70,6 +73,18 @@ const LEAST_CLUTTER: f64 = 0.0005;
 /// A target that no camera has seen for this long may be elsewhere.
 const UNSEEN: Interval = Interval(50_000_000);
 
+/// What the newest frame counts in the part of the frames that see a target, usually and of late.
+const USUAL_WEIGHT: f64 = 0.02;
+const LATE_WEIGHT: f64 = 0.15;
+/// No light is taken to be seen by more of the frames than this.
+const MOST_SHARE: f64 = 0.95;
+/// A target that of late was seen by less than this part of the frames that usually see it is astray, as far as it is not hidden.
+const ASTRAY: f64 = 0.6;
+/// So many frames in a row that miss it are as unlikely as 1 in 100: −ln of the probability.
+const SURPRISING: f64 = 4.6;
+/// The noise of a motion model is multiplied with no more than this because of frames that miss a target.
+const MOST_FOR_MISSES: f64 = 100.0;
+
 /// Why a target is gone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Death {
@@ -103,6 +118,8 @@ impl Track {
             confirmation,
             is_tentative: false,
             misses: 0,
+            share: 0.5,
+            share_of_late: 0.5,
             history: History::default(),
             neighbours: Neighbours::new(),
             wander: Wander::default(),
@@ -110,9 +127,18 @@ impl Track {
         }
     }
 
-    /// What the noise of its motion model is to be multiplied with.
+    /// What the noise of its motion model is to be multiplied with. A light that turns harder than its filter expects leaves the gate in all cameras at once, and what
+    /// then would tell of the turn is not taken: the frames that miss it, more of them in a row than chance explains, tell in its place.
     pub fn noise_scale(&self) -> f64 {
-        self.noise.as_ref().map_or(1.0, AdaptiveNoise::scale)
+        let adapted = self.noise.as_ref().map_or(1.0, AdaptiveNoise::scale);
+        let surprise = -f64::from(self.misses) * (1.0 - self.share.min(MOST_SHARE)).ln();
+        let beyond = (surprise / SURPRISING).max(1.0);
+        adapted * (beyond * beyond).min(MOST_FOR_MISSES)
+    }
+
+    /// Whether most cameras that usually see it have lost it of late: it is hidden, or it is not where its filter says.
+    pub fn is_astray(&self) -> bool {
+        self.is_established() && self.share_of_late < ASTRAY * self.share
     }
 
     /// Notes that `camera` saw it at `time`, which is never before `seen_at`.
@@ -132,6 +158,8 @@ impl Track {
     pub fn restart(&mut self, filter: Filter, camera: CameraId, time: Time) {
         self.filter = filter;
         self.history.clear();
+        self.misses = 0;
+        self.share_of_late = self.share;
         self.seen_at = time;
         self.last_camera = camera;
         self.other_at = time;
@@ -156,6 +184,9 @@ impl Track {
     /// third observation on, if the part `share` of the frames saw it.
     pub fn judge(&mut self, seen: bool, share: f64) {
         self.misses = if seen { 0 } else { self.misses.saturating_add(1) };
+        let seen_now = f64::from(u8::from(seen));
+        self.share += USUAL_WEIGHT * (seen_now - self.share);
+        self.share_of_late += LATE_WEIGHT * (seen_now - self.share_of_late);
         if let Some(confirmation) = &mut self.confirmation {
             confirmation.looks += 1;
             confirmation.hits += u32::from(seen);
