@@ -12,8 +12,8 @@ use crate::person::{RecordedBody, WholeBody};
 use crate::studio::{ArmSettings, StudioSettings};
 use crate::truth::Truth;
 use crate::world::{
-    Body, BodyMotion, BodySource, BustSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings, SwingSettings,
-    WalkKind, World,
+    Body, BodyMotion, BodySource, BustSettings, DartSettings, LightPath, MAX_MONITORS, Recordings, SceneSettings,
+    SwingSettings, WalkKind, World,
 };
 
 ports! {
@@ -76,6 +76,7 @@ impl Node for Lab {
             waved_light,
             ref wave,
             ref swing,
+            ref darts,
             ref light_path,
             ref bust,
             ref studio,
@@ -119,6 +120,7 @@ impl Node for Lab {
         let singles = [
             ("waved_light", waved_light),
             ("swing", swing.is_some()),
+            ("darts", darts.is_some()),
             ("light_path", light_path.is_some()),
             ("bust", bust.is_some()),
             ("arm", arm.is_some()),
@@ -132,12 +134,15 @@ impl Node for Lab {
             if let Some(second) = singles.next() {
                 return Err(ConfigError::at(
                     second,
-                    format!("found beside `{first}`, expected one light by itself, one bust or one arm, at most"),
+                    format!(
+                        "found beside `{first}`, expected one kind of light by itself, one bust or one arm, at most"
+                    ),
                 ));
             }
         }
         wave.check()?;
         swing.as_ref().map_or(Ok(()), SwingSettings::check)?;
+        darts.as_ref().map_or(Ok(()), DartSettings::check)?;
         bust.as_ref().map_or(Ok(()), BustSettings::check)?;
         studio.as_ref().map_or(Ok(()), StudioSettings::check)?;
         arm.as_ref().map_or(Ok(()), ArmSettings::check)?;
@@ -299,6 +304,7 @@ mod tests {
         check_node::<Lab>("people = 0\nwaved_light = true");
         check_node::<Lab>("people = 0\nwaved_light = true\nwave = { min_m = [-1, -1, 0], max_m = [1, 1, 2] }");
         check_node::<Lab>("people = 0\nswing = { amplitude_m = 0.3 }");
+        check_node::<Lab>("people = 0\ndarts = { lights = 3, speed_m_s = 2 }");
         check_node::<Lab>("people = 0\nbust = { speed_m_s = 0.05 }");
         check_node::<Lab>("people = 2\nstudio = { chairs = [[0.5, 0.5, 90]], lamps = [{ from_s = 2 }] }");
         check_node::<Lab>("people = 0\narm = { cloth = \"bare\", speed = 2 }");
@@ -407,6 +413,12 @@ mod tests {
         assert_eq!(refused(|it| it.monitors = 9), "monitors");
         assert_eq!(refused(|it| it.truth_hz = 0.0), "truth_hz");
         assert_eq!(refused(|it| it.swing = Some(SwingSettings::default())), "swing");
+        assert_eq!(refused(|it| it.darts = Some(DartSettings::default())), "darts");
+        let slow = |it: &mut SceneSettings| {
+            it.people = 0;
+            it.darts = Some(DartSettings { acceleration_m_s2: 1.0, ..DartSettings::default() });
+        };
+        assert_eq!(refused(slow), "darts.max_m");
         assert_eq!(refused(|it| it.wave.turns_hz = [9.0; 3]), "wave.turns_hz");
         let swung = |period_s: f64| Some(SwingSettings { period_s, ..SwingSettings::default() });
         assert_eq!(

@@ -8,6 +8,7 @@
 mod bodies;
 mod bust;
 mod clutter;
+mod darts;
 mod furniture;
 mod mirror;
 mod single;
@@ -26,6 +27,8 @@ pub use bodies::{Body, BodyMotion, BodySettings, BodySource};
 use bust::Bust;
 pub use bust::BustSettings;
 pub use clutter::{BrightSpot, Glint, MAX_MONITORS, Monitor, PANES};
+use darts::Dart;
+pub use darts::DartSettings;
 pub(crate) use furniture::room_hit;
 pub use furniture::{Surface, room_light};
 pub use mirror::Mirror;
@@ -125,6 +128,8 @@ pub struct SceneSettings {
     pub wave: WaveSettings,
     /// In place of people, one light that shines to all sides is swung from side to side, from `people_enter_s` on [–]
     pub swing: Option<SwingSettings>,
+    /// In place of people, lights that dart about, turn sharply and stop dead, from `people_enter_s` on [–]
+    pub darts: Option<DartSettings>,
     /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
     /// a heading and a row for each time. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
     pub light_path: Option<String>,
@@ -164,6 +169,7 @@ impl Default for SceneSettings {
             waved_light: false,
             wave: WaveSettings::default(),
             swing: None,
+            darts: None,
             light_path: None,
             bust: None,
             studio: None,
@@ -198,7 +204,8 @@ struct Scene {
     monitors: Vec<Monitor>,
     /// Of each monitor: asked for along every line of sight.
     monitor_normals: Vec<Vector3<f64>>,
-    single: Option<Single>,
+    /// Lights by themselves, in place of people.
+    singles: Vec<Single>,
     face: Option<Arc<Part>>,
     headband: Option<Headband>,
     bust: Option<Bust>,
@@ -212,9 +219,6 @@ impl Message for World {
     const SPACE: Space = Space::NONE;
     const WIRE: Wire = Wire::Local;
 }
-
-/// The identity of a light by itself; people are not there then.
-const SINGLE: TargetId = TargetId(0);
 
 /// A LED at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -234,8 +238,8 @@ pub struct Moment {
     pub poses: Vec<Pose>,
     /// Of each of them, the identity of the first LED.
     first_ids: Vec<u32>,
-    /// Where the light by itself is, if there is one [m].
-    single: Option<Point3<f64>>,
+    /// Where the lights by themselves are [m]; people are not there then, and their identities are their places here.
+    singles: Vec<Point3<f64>>,
     /// The LED above a painted knee, and its identity.
     knee: Option<(TargetId, Led)>,
     /// The lights of the headband, and the identity of the first of them.
@@ -262,6 +266,23 @@ fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
             (0..people).map(|i| Person::in_crowd(i, &braid, speed, enter_s, stay_away_s, random)).collect()
         }
     }
+}
+
+/// The lights by themselves of a scene; `light_path` is that of its file.
+fn singles(settings: &SceneSettings, light_path: Option<LightPath>, random: &Random) -> Vec<Single> {
+    if let Some(darts) = &settings.darts {
+        let mut random = random.fork("darts");
+        return (0..darts.lights).map(|_| Single::Darting(Dart::new(darts, &mut random))).collect();
+    }
+    let single = match (light_path, &settings.swing) {
+        (Some(path), _) => Some(Single::Path(path)),
+        (None, Some(swing)) => Some(Single::Swung(swing.clone())),
+        (None, None) => match &settings.bust {
+            Some(bust) => bust.has_light().then(|| Single::OnBust(bust.clone(), settings.people_enter_s)),
+            None => settings.waved_light.then(|| Single::Waved(Wave::new(&settings.wave, settings.walk_area_m))),
+        },
+    };
+    single.into_iter().collect()
 }
 
 impl SceneSettings {
@@ -294,14 +315,7 @@ impl World {
     /// As [`Self::new`], with what files hold.
     pub fn with_recordings(settings: SceneSettings, recordings: Recordings, random: &Random) -> Self {
         let Recordings { light_path, head, bodies, truth } = recordings;
-        let single = match (light_path, &settings.swing) {
-            (Some(path), _) => Some(Single::Path(path)),
-            (None, Some(swing)) => Some(Single::Swung(swing.clone())),
-            (None, None) => match &settings.bust {
-                Some(bust) => bust.has_light().then(|| Single::OnBust(bust.clone(), settings.people_enter_s)),
-                None => settings.waved_light.then(|| Single::Waved(Wave::new(&settings.wave, settings.walk_area_m))),
-            },
-        };
+        let singles = singles(&settings, light_path, random);
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
         let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
         let face = settings.face.as_ref().map(|face| {
@@ -329,7 +343,7 @@ impl World {
         });
         let monitors = clutter::monitors(settings.monitors, &mut random.fork("monitors"));
         let scene = Scene {
-            single,
+            singles,
             face,
             headband: settings.headband.then(|| Headband::new(random.fork("headband"))),
             bust: settings.bust.as_ref().map(|it| Bust::new(it, &random.fork("bust"))),
@@ -359,7 +373,7 @@ impl World {
     /// How many targets there are once all people have come in.
     pub fn n_targets(&self) -> usize {
         let on_band = if self.0.headband.is_some() { N_ON_HEADBAND } else { 0 };
-        let alone = usize::from(self.0.single.is_some()) + usize::from(self.0.settings.has_knee());
+        let alone = self.0.singles.len() + usize::from(self.0.settings.has_knee());
         self.0.people.len() * N_LEDS + alone + on_band
     }
 
@@ -380,10 +394,11 @@ impl World {
         Some(band.eyes(&person.pose(time.as_s())))
     }
 
-    /// The light by itself, and since when it is there at `time` [s].
-    fn single(&self, time: Time) -> Option<(&Single, f64)> {
+    /// The lights by themselves that are there at `time`, with their identities, and since when they are there [s].
+    fn singles(&self, time: Time) -> impl Iterator<Item = (TargetId, &Single, f64)> {
         let since_s = time.as_s() - self.0.settings.people_enter_s;
-        self.0.single.as_ref().filter(|_| since_s >= 0.0).map(|it| (it, since_s))
+        let there: &[Single] = if since_s >= 0.0 { &self.0.singles } else { &[] };
+        (0..).map(TargetId).zip(there).map(move |(id, single)| (id, single, since_s))
     }
 
     /// Those who are there at `time`, each with the identity of the first LED.
@@ -408,12 +423,13 @@ impl World {
         moment.knee = knee().map(|led| (self.knee_id(), led));
         let worn = self.0.headband.as_ref().zip(moment.poses.first());
         moment.headband = worn.map(|(band, pose)| (self.headband_id(), band.lights(pose)));
-        moment.single = self.single(time).map(|(single, since_s)| single.position(since_s));
+        moment.singles.clear();
+        moment.singles.extend(self.singles(time).map(|(_, single, since_s)| single.position(since_s)));
     }
 
     /// Where all LEDs truly are at `time`: measured, without uncertainty, seen by no camera in particular. Person p's LED l, in
     /// the order of [`LED_NAMES`](crate::person::LED_NAMES), is target 8 p + l; at the v-th visit, counted from 0,
-    /// of p out of n people it is target 8 (n v + p) + l. A light by itself is target 0.
+    /// of p out of n people it is target 8 (n v + p) + l. Lights by themselves are targets from 0 on.
     pub fn truth(&self, time: Time) -> Targets {
         let mut truth = Targets::default();
         self.truth_into(time, &mut truth);
@@ -453,8 +469,8 @@ impl World {
             let (cameras, provenance) = (Default::default(), Provenance::Measured);
             Target { id: self.knee_id(), position, velocity, covariance: Matrix6::zeros(), cameras, provenance }
         }));
-        truth.list.extend(self.single(time).map(|(single, since_s)| Target {
-            id: SINGLE,
+        truth.list.extend(self.singles(time).map(|(id, single, since_s)| Target {
+            id,
             position: single.position(since_s),
             velocity: single.velocity(since_s),
             covariance: Matrix6::zeros(),
@@ -571,7 +587,7 @@ impl Moment {
             let brightness = led_peak * led.emission_towards(eye);
             (brightness > 0.0).then_some(Light { id, position: led.position, brightness })
         });
-        of_people.chain(self.single.map(|position| Light { id: SINGLE, position, brightness: led_peak }))
+        of_people.chain(self.singles_of(led_peak))
     }
 
     /// The images of the LEDs in `mirror` that are seen from `eye` [m], where they seem to be behind it, with their brightness;
@@ -594,7 +610,12 @@ impl Moment {
     /// All LEDs with their full brightness, 1, wherever they shine to.
     pub fn lights(&self) -> impl Iterator<Item = Light> + '_ {
         let of_people = self.leds().map(|(id, led)| Light { id, position: led.position, brightness: 1.0 });
-        of_people.chain(self.single.map(|position| Light { id: SINGLE, position, brightness: 1.0 }))
+        of_people.chain(self.singles_of(1.0))
+    }
+
+    fn singles_of(&self, brightness: f64) -> impl Iterator<Item = Light> + '_ {
+        let singles = (0..).map(TargetId).zip(&self.singles);
+        singles.map(move |(id, position)| Light { id, position: *position, brightness })
     }
 
     fn leds(&self) -> impl Iterator<Item = (TargetId, Led)> + '_ {

@@ -1,4 +1,4 @@
-//! One light by itself, in place of people: waved by hand, swung from side to side, or on a path from a file.
+//! Lights by themselves, in place of people: one waved by hand, swung from side to side, or on a path from a file, or several that dart about.
 
 use foveate_diagnostics::fields::Splitter;
 use foveate_node::ConfigError;
@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::bust::BustSettings;
+use super::darts::Dart;
 use super::waved::Wave;
 
 /// Step of derivatives [s].
@@ -139,6 +140,7 @@ pub(super) enum Single {
     Waved(Wave),
     Swung(SwingSettings),
     Path(LightPath),
+    Darting(Dart),
     /// On a bust that is there from the session's start on, taken up so much later [s].
     OnBust(BustSettings, f64),
 }
@@ -150,6 +152,7 @@ impl Single {
             Single::Waved(wave) => wave.position(time_s),
             Single::Swung(swing) => swing.position(time_s),
             Single::Path(path) => path.position(time_s),
+            Single::Darting(dart) => dart.position(time_s),
             Single::OnBust(bust, since_s) => bust.light(since_s + time_s),
         }
     }

@@ -67,3 +67,21 @@ fn people_have_eight_targets_each_with_numbers_in_order() {
     assert_eq!(truth.list.len(), world.n_targets());
     assert!(truth.list.iter().enumerate().all(|(i, it)| it.id == TargetId(i as u32)));
 }
+
+#[test]
+fn lights_that_dart_are_targets_of_their_own_from_people_enter_s_on() {
+    let darts = Some(DartSettings { lights: 5, ..DartSettings::default() });
+    let world = World::new(SceneSettings { people: 0, darts, ..SceneSettings::default() }, &Random::new(1));
+    assert_eq!((world.n_targets(), world.truth(Time::from_s(0.99)).list.len()), (5, 0));
+    let (mut moment, time) = (Moment::default(), Time::from_s(3.0));
+    world.at(time, &mut moment);
+    let truth = world.truth(time);
+    let seen: Vec<Light> = moment.lights_seen_from(&Point3::new(0.0, 3.5, 2.5), 800.0).collect();
+    assert_eq!(seen.len(), 5);
+    for (number, (light, target)) in seen.iter().zip(&truth.list).enumerate() {
+        assert_eq!((light.id, light.position), (TargetId(number as u32), target.position));
+        assert_eq!(target.id, light.id);
+        assert!(target.velocity.norm() < 5.001);
+        assert!(truth.list[..number].iter().all(|it| (it.position - target.position).norm() > 1e-3));
+    }
+}
