@@ -191,6 +191,10 @@ impl Engine {
             }
             let distance_m = self.prepared.seeds.distance_m;
             if let Some(doubt) = self.repeats.doubt(views, moment, &found, &piece, measure, distance_m) {
+                // Of clouds of several references it is settled between them which camera it is.
+                if doubt.is_contradicted && self.prepared.references.len() > 1 {
+                    continue;
+                }
                 let (offs, count) = if doubt.is_contradicted {
                     self.contradicted += piece.len();
                     (&mut self.contradicted_m, &mut self.left_out.contradicted)

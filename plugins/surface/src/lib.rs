@@ -13,6 +13,7 @@
 pub mod bent;
 pub mod body;
 pub mod calibrator;
+pub mod clouds;
 pub mod cover;
 pub mod cylinder;
 pub mod engine;

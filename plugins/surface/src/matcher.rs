@@ -2,9 +2,10 @@
 
 use foveate::prelude::*;
 
+use crate::clouds::Clouds;
 use crate::engine::Engine;
 use crate::measure::{Sample, sigma};
-use crate::settings::SurfaceSettings;
+use crate::settings::{Prepared, SurfaceSettings};
 use crate::views::Moment;
 
 ports! {
@@ -17,6 +18,7 @@ figures! {
     "surface.points": count, neither, "Points given out, over all moments";
     "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
     "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
+    "surface.refused.clouds": count, low, "Points that were left out since a camera that has part in them contradicts the others, where there are several references";
     "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
     "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
     "surface.seeds.found": count, high, "Of these, those that became points";
@@ -32,9 +34,12 @@ figures! {
 /// Pictures of several cameras in, clouds out.
 pub struct Matcher {
     engine: Engine,
+    clouds: Clouds,
     moment: Moment,
     moments: u64,
     points: u64,
+    /// By reference.
+    points_of: Vec<u64>,
     sigmas: f64,
     coverages: Vec<f64>,
     faults: Vec<String>,
@@ -56,8 +61,19 @@ impl Node for Matcher {
 
     fn new(settings: SurfaceSettings, setup: &Setup) -> Result<Self, ConfigError> {
         let engine = Engine::new(settings.prepare(setup)?);
+        let points_of = vec![0; engine.prepared.references.len()];
         let (moment, coverages, faults) = (Moment::default(), Vec::new(), Vec::new());
-        Ok(Self { engine, moment, moments: 0, points: 0, sigmas: 0.0, coverages, faults })
+        Ok(Self {
+            engine,
+            clouds: Clouds::default(),
+            moment,
+            moments: 0,
+            points: 0,
+            points_of,
+            sigmas: 0.0,
+            coverages,
+            faults,
+        })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -67,7 +83,7 @@ impl Node for Matcher {
         self.faults.extend(self.engine.take(&mut self.moment, &images, n_levels));
         self.moments += 1;
         let n_references = self.engine.prepared.references.len();
-        let mut surfaces = Vec::new();
+        let (mut numbers, mut surfaces) = (Vec::new(), Vec::new());
         for number in 0..n_references {
             self.engine.look_from(number);
             if let Some(why) = missing(&self.engine, &self.moment) {
@@ -76,8 +92,12 @@ impl Node for Matcher {
             }
             let seeds = self.engine.begin(&self.moment);
             let is_named = self.engine.is_named();
-            surfaces.push((number, self.engine.grow(&self.moment, &seeds, is_named)));
+            let surface = self.engine.grow(&self.moment, &seeds, is_named);
+            numbers.push(number);
+            surfaces.push((self.engine.prepared.reference, surface));
         }
+        let Prepared { views, cover, .. } = &self.engine.prepared;
+        self.clouds.settle(views, &mut surfaces, cover);
         let points = || surfaces.iter().flat_map(|it| &it.1);
         if surfaces.is_empty() {
             return Ok(());
@@ -91,8 +111,9 @@ impl Node for Matcher {
         self.points += samples.len() as u64;
         self.sigmas += self.engine.widened().sqrt() * places.iter().map(|it| sigma(&it.1)).sum::<f64>();
         let mut places = &places[..];
-        for (number, surface) in &surfaces {
-            self.engine.look_from(*number);
+        for (number, (_, surface)) in numbers.into_iter().zip(&surfaces) {
+            self.engine.look_from(number);
+            self.points_of[number] += surface.len() as u64;
             self.coverages.extend(coverage(surface.iter().map(|it| it.cell)));
             let own;
             (own, places) = places.split_at(surface.len());
@@ -107,6 +128,17 @@ impl Node for Matcher {
         report.figure("surface.points", self.points as f64);
         report.figure("surface.sigma_mm", 1e3 * self.sigmas / self.points as f64);
         report.figure("surface.coverage", self.coverages.iter().sum::<f64>() / self.coverages.len() as f64);
+        let Prepared { views, references, .. } = &self.engine.prepared;
+        self.clouds.report(views, report);
+        let empty = references.iter().zip(&self.points_of).filter(|it| *it.1 == 0);
+        let empty: Vec<String> = empty.map(|it| format!("`{}`", views[it.0.0].name)).collect();
+        if self.points > 0 && !empty.is_empty() {
+            report.remark(format!(
+                "there is no point of {}: expected pictures of theirs, of the same time, and a neighbour that sees the same surface",
+                empty.join(", ")
+            ));
+        }
+        report.figure("surface.refused.clouds", self.clouds.n_left_out() as f64);
         if let Some(sides) = self.engine.other_sides() {
             report.remark(format!("{sides}; `reference = \"*\"` gives a cloud of what each camera sees"));
         }

@@ -51,7 +51,7 @@ pub struct SurfaceSettings {
     pub truncation: f64,
     /// Whether the surface is that of the clouds of one moment alone, begun anew with the next and sent each time: for what changes its shape and is seen whole at a time [–]
     pub each_moment: bool,
-    /// Clouds are gathered until they have so many points together, and registered as one [–]
+    /// Clouds that are registered are gathered until they have so many points together, and registered as one [–]
     #[schemars(range(min = 1, max = 10000000))]
     pub gather_points: usize,
     /// And for no longer than so, in which the target's own track is smoother than what registration would find [ms]
@@ -83,7 +83,7 @@ pub struct SurfaceSettings {
     /// Pieces of fewer triangles are left out of the surface [–]
     #[schemars(range(min = 1, max = 10000000))]
     pub min_triangles: usize,
-    /// The surface is sent no more often than so, but for one that has triangles at last, or twice as many points as the last one that was sent [ms]
+    /// The surface is sent no more often than so, but for one that has triangles at last, or a tenth more points than the last one that was sent [ms]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub interval_ms: f64,
     /// Memory of voxels and patches, at most; points beyond are left out and counted [MB]
@@ -117,8 +117,8 @@ impl Default for SurfaceSettings {
 /// A surface whose first cloud fits none of so many after it is begun anew.
 const DOUBTS: u32 = 4;
 
-/// A surface is sent at once when it has so many times the points of the last one that was sent: what is seen first may be a few stripes that do not meet.
-const GROWN: u64 = 2;
+/// A surface is sent at once when it has so many times the points of the last one that was sent: what is seen first may be a few stripes that do not meet, and nothing is sent once the last cloud has come [–].
+const GROWN: f64 = 1.1;
 
 /// At least so long between two poses of a space that are kept [ms].
 const POSES_MS: f64 = 8.0;
@@ -234,7 +234,7 @@ impl Node for JoinedSurface {
         }
         while let Some(cloud) = io.take(&CLOUD) {
             let is_next = self.waiting.front().is_some_and(|it| it.0.value.time != cloud.value.time);
-            if self.settings.each_moment && is_next {
+            if self.by_moment() && is_next {
                 self.join(io);
             }
             match self.placed(&cloud.value) {
@@ -245,7 +245,7 @@ impl Node for JoinedSurface {
                     continue;
                 }
             }
-            if self.settings.each_moment {
+            if self.by_moment() {
                 continue;
             }
             let points: usize = self.waiting.iter().map(|it| it.0.value.len()).sum();
@@ -255,7 +255,7 @@ impl Node for JoinedSurface {
                 self.join(io);
             }
         }
-        if self.settings.each_moment {
+        if self.by_moment() {
             self.join(io);
         }
         Ok(())
@@ -264,7 +264,8 @@ impl Node for JoinedSurface {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         let waiting = self.waiting.len();
         if waiting > 0 {
-            report.remark(format!("{waiting} clouds of the end are not in the surface: with fewer than `gather_points` points they waited for more"));
+            let n = self.settings.gather_points;
+            report.remark(format!("{waiting} clouds of the end are not in the surface: with fewer than `gather_points = {n}` points together they waited for more; a smaller number takes them in"));
         }
         report.figure("surface.clouds", self.n_joined as f64);
         report.figure("surface.clouds_refused", self.n_refused as f64);
@@ -293,6 +294,11 @@ impl Node for JoinedSurface {
 }
 
 impl JoinedSurface {
+    /// Whether clouds are taken in as they come, those of a moment together: what is not registered needs no company.
+    fn by_moment(&self) -> bool {
+        self.settings.each_moment || !self.settings.register
+    }
+
     /// Poses of spaces are kept by number, and asynchronous cameras make many: some of them reach as far back as clouds come late.
     fn learn(&mut self, space: &ScaleSpace) {
         let is_soon = self.learnt.get(&space.scale).is_some_and(|it| (space.time - *it) < Interval::from_ms(POSES_MS));
@@ -370,7 +376,9 @@ impl JoinedSurface {
         let time = last.value.time;
         let is_due = self.settings.each_moment
             || self.sent.is_none_or(|(when, n_points)| {
-                (time - when).as_s() * 1e3 >= self.settings.interval_ms || self.n_points >= GROWN * n_points
+                let is_more_of_it = self.by_moment() && time == when;
+                let has_grown = self.n_points as f64 >= GROWN * n_points as f64;
+                is_more_of_it || has_grown || (time - when).as_s() * 1e3 >= self.settings.interval_ms
             });
         if is_due {
             let mesh = self.mesh(time, &(placed.world_from_scale * joined.surface_from_cloud.inverse()), &joined);

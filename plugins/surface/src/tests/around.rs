@@ -19,8 +19,17 @@ fn clouds(
     cameras: &[Camera],
     settings: SurfaceSettings,
 ) -> (Vec<(CameraId, String, Vec<CloudPoint>)>, Report) {
+    clouds_of(scene.pictures(cameras), cameras, settings)
+}
+
+/// The same of pictures that may not be those of the cameras.
+fn clouds_of(
+    pictures: Vec<Image>,
+    cameras: &[Camera],
+    settings: SurfaceSettings,
+) -> (Vec<(CameraId, String, Vec<CloudPoint>)>, Report) {
     let mut bench = NodeBench::<matcher::Matcher>::with_setup(settings, &setup(cameras)).unwrap();
-    bench.feed_set(&matcher::IMAGE, Time::from_s(1.0), scene.pictures(cameras)).unwrap();
+    bench.feed_set(&matcher::IMAGE, Time::from_s(1.0), pictures).unwrap();
     let clouds = bench.outputs(&matcher::CLOUD).into_iter();
     let clouds = clouds.map(|it| (it.value.camera, it.value.name.clone(), it.value.iter().collect())).collect();
     (clouds, bench.finish().unwrap())
@@ -67,6 +76,40 @@ fn cameras_all_around_measure_all_sides_where_each_is_a_reference() {
         assert!(points.iter().all(|it| off(it) < 1.5));
     }
     assert!(!report.remarks.iter().any(|it| it.contains("side") || it.contains("contradict")), "{:?}", report.remarks);
+}
+
+#[test]
+fn a_camera_that_contradicts_all_others_is_named_and_left_out() {
+    let cameras = ring(10);
+    let scene = Scene::of(Shape::Sphere(0.08), 74);
+    let settings = || SurfaceSettings { reference: "*".into(), step: 4e-3, ..settings() };
+    let wrong = |all: &[(CameraId, String, Vec<CloudPoint>)]| {
+        let points = || all.iter().flat_map(|it| &it.2);
+        (points().filter(|it| scene.distance(&it.position.cast()) > 2e-3).count(), points().count())
+    };
+    let pictures = scene.pictures(&cameras);
+    let (_, n) = wrong(&clouds_of(pictures.clone(), &cameras, settings()).0);
+    // Along the ring, where no two cameras see it.
+    let mut moved = cameras.clone();
+    let aside = cameras[4].camera_from_world.inverse() * Vector3::new(0.006, 0.0, 0.0);
+    moved[4].camera_from_world *= nalgebra::Translation3::from(aside);
+    let (all, report) = clouds_of(pictures.clone(), &moved, settings());
+    let named: Vec<&String> = report.remarks.iter().filter(|it| it.contains("contradicts the other cameras")).collect();
+    assert!(named.len() == 1 && named[0].contains("`cam-4`"), "{:?}", report.remarks);
+    assert!(all[4].2.is_empty() && report.figures["surface.refused.clouds"] > 20.0);
+    let (n_wrong, n_left) = wrong(&all);
+    assert!(50 * n_wrong < n_left && n_left > n / 2, "{n_wrong} of {n_left}, {n}");
+    // Two exchanged.
+    let exchanged = pictures.iter().map(|it| match it.camera.0 {
+        2 => Image { camera: CameraId(3), ..it.clone() },
+        3 => Image { camera: CameraId(2), ..it.clone() },
+        _ => it.clone(),
+    });
+    let (all, report) = clouds_of(exchanged.collect(), &cameras, settings());
+    let (n_wrong, n_left) = wrong(&all);
+    assert!(50 * n_wrong <= n_left, "{n_wrong} of {n_left}, {:?}", report.remarks);
+    let told = |it: &String| it.contains("contradict") || it.contains("`cam-2`") || it.contains("exchanged");
+    assert!(report.remarks.iter().any(told), "{:?}", report.remarks);
 }
 
 #[test]
