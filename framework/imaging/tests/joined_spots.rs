@@ -115,3 +115,26 @@ fn a_light_at_the_side_of_a_lit_patch_is_where_it_is() {
         assert!(as_one > 0.9, "patch of {patch}: as one {as_one} px off");
     }
 }
+
+#[test]
+fn a_smear_whose_bright_end_is_too_small_for_a_light_stays_one() {
+    // 24 px of a smear that grows dim, one row high at its end.
+    let mut pixels = vec![20_u8; SIZE[0] * SIZE[1]];
+    for x in 0..24 {
+        for y in 0..3 {
+            pixels[(100 + y) * SIZE[0] + 100 + x] = if x < 3 && y == 1 { 250 } else { 120 - 2 * x as u8 };
+        }
+    }
+    let limits =
+        |part: bool| SpotLimits { part, min_area: 10, max_elongation: 10.0, min_fill: 0.3, ..SpotLimits::default() };
+    let found = |part: bool| {
+        let mut finder = SpotFinder::new(Measure::default()).unwrap();
+        let view = ImageView::new(&pixels, SIZE[0], SIZE[1]).unwrap();
+        let thresholds = ThresholdMap::uniform(THRESHOLD, SIZE[0], SIZE[1]);
+        let mut spots = Vec::new();
+        finder.find_full(&view, &thresholds, &limits(part), &mut spots).unwrap();
+        spots
+    };
+    assert_eq!(found(false).len(), 1);
+    assert_eq!(found(true), found(false));
+}

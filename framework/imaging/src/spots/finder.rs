@@ -202,7 +202,8 @@ impl Search<'_> {
         let apart =
             if limits.part { parts.of(&self.frame, component.last_runs(), &shape, &spot, measure) } else { &[] };
         let whole = [(shape, spot)];
-        let spots = if apart.is_empty() { &whole } else { apart };
+        // What is too small or too long by itself, such as the bright end of a smear, says nothing against the whole.
+        let spots = if apart.iter().any(|it| limits.admit(&it.0)) { apart } else { &whole };
         for (shape, spot) in spots {
             if !limits.admit(shape) {
                 self.found.refused += 1;
