@@ -18,7 +18,6 @@ figures! {
     "surface.points": count, neither, "Points given out, over all moments";
     "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
     "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
-    "surface.refused.clouds": count, low, "Points that were left out since a camera that has part in them contradicts the others, where there are several references";
     "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
     "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
     "surface.seeds.found": count, high, "Of these, those that became points";
