@@ -84,7 +84,7 @@ pub(crate) struct Stage {
     blocked: Vec<usize>,
     /// The data is over: queues have no bounds any more.
     is_flushing: bool,
-    /// For who looks on from outside: the number of the present activation (upper half) and of its node (lower half), 0 between two of them.
+    /// For who looks on from outside: the number of the present activation (upper half; more with each part that it says is done) and of its node (lower half), 0 between two of them.
     pub(crate) at: Arc<AtomicU64>,
     n_activations: u64,
     /// Messages that queues between threads dropped, to be entered in the ledgers of their edges.
@@ -415,7 +415,8 @@ impl Stage {
             &slot.latest,
             &mut self.outbox,
             &mut slot.sequences,
-        );
+        )
+        .with_progress(&self.at);
         match node.process(&mut io) {
             Ok(()) => slot.restarts = 0,
             Err(error) => self.fail(index, self.seen, now, error, false),

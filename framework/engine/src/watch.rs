@@ -62,3 +62,23 @@ pub(crate) fn left_behind(longest: Duration) -> NodeError {
         longest.as_secs_f64()
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_that_says_that_it_is_at_work_is_not_stuck() {
+        let at = Arc::new(AtomicU64::new((7 << 32) | 3));
+        let mut watch = Watch::new(Arc::clone(&at));
+        let mut look = || watch.stuck(Duration::ZERO);
+        assert_eq!(look(), None, "seen for the first time");
+        for _ in 0..3 {
+            // As `Io::still_working` does.
+            at.fetch_add(1 << 32, Ordering::Relaxed);
+            assert_eq!(look(), None);
+        }
+        assert_eq!(look(), Some(3));
+        assert_eq!(look(), None, "told once");
+    }
+}

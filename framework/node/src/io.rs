@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::fmt::Display;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use foveate_messages::{Message, Quality, SourceId, Stamp, Stamped, Time};
 
@@ -103,6 +104,7 @@ pub struct Io<'a> {
     outbox: &'a mut Outbox,
     source: SourceId,
     sequences: &'a mut [u64],
+    progress: Option<&'a AtomicU64>,
 }
 
 impl<'a> Io<'a> {
@@ -116,7 +118,12 @@ impl<'a> Io<'a> {
         outbox: &'a mut Outbox,
         sequences: &'a mut [u64],
     ) -> Io<'a> {
-        Io { now, delivery, latest, outbox, source, sequences }
+        Io { now, delivery, latest, outbox, source, sequences, progress: None }
+    }
+
+    /// For who runs nodes: something outside that changes each time the node says that it is still at work.
+    pub fn with_progress(self, progress: &'a AtomicU64) -> Io<'a> {
+        Io { progress: Some(progress), ..self }
     }
 }
 
@@ -179,6 +186,13 @@ impl Io<'_> {
         self.check(port);
         self.sequences[port.index] = sequence + 1;
         self.emit(port, Stamp { time, source: self.source, sequence }, value);
+    }
+
+    /// Says that one of several long parts of an activation is done: a node that says nothing for a minute is left behind, and the run ends.
+    pub fn still_working(&self) {
+        if let Some(progress) = self.progress {
+            progress.fetch_add(1 << 32, Ordering::Relaxed);
+        }
     }
 
     /// Says that a message that should have been there is not: counted on the port's edges, shown, and never silent.

@@ -92,6 +92,7 @@ impl Node for Matcher {
             let seeds = self.engine.begin(&self.moment);
             let is_named = self.engine.is_named();
             let surface = self.engine.grow(&self.moment, &seeds, is_named);
+            io.still_working();
             numbers.push(number);
             surfaces.push((self.engine.prepared.reference, surface));
         }
