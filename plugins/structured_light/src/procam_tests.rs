@@ -172,7 +172,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
             picture.iter_mut().for_each(|it| *it = (f64::from(*it) * (1.0 - 0.3 * at as f64 / 41.0)).round() as u8);
         }
     };
-    check(&fading, &["more are of another exposure"], true, true);
+    check(&fading, &["faded evenly, by 3"], true, true);
     // The board was put elsewhere in the middle of the set, or for one picture.
     let other = pictures::read(&pictures::sets(&folder.join("capture_1"), "*").unwrap()[0]).unwrap().set;
     let put = |from: usize, until: usize| {
