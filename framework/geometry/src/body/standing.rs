@@ -87,6 +87,28 @@ fn legs_side_by_side_are_two_straight_legs() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Their trunk seems to go on to the feet.
+#[test]
+fn hips_of_stout_people_whose_legs_touch_are_where_their_stature_lets_expect_them() {
+    let mut off = Vec::new();
+    for seed in 9940..9952 {
+        let mut random = Random::new(seed);
+        let stature = random.uniform_in(1.5, 1.9);
+        let stance = Stance { stature, spread: 0.0, wide: 1.25, arms: [0.2; 2], ..Stance::upright(&mut random) };
+        let (tubes, truth) = stance.drawn();
+        // As tall as nobody said.
+        let field = hull(&tubes, &ring(4, &mut random), 0.05);
+        let Ok(found) = BodyTracker::acquire(&field, &TrackerOptions::default()) else { continue };
+        let hips = |joint: Joint| (joint == Joint::LeftHip || joint == Joint::RightHip).then_some(joint);
+        let height = |at: &Point3<f64>| at.z / 2.0;
+        let sum: f64 = found.joints().iter().filter(|it| hips(it.joint).is_some()).map(|it| height(&it.position)).sum();
+        let expected: f64 = truth.iter().filter(|it| hips(it.0).is_some()).map(|it| height(&it.1)).sum();
+        off.push((sum - expected).abs());
+    }
+    off.sort_by(f64::total_cmp);
+    assert!(off.len() >= 10 && off[off.len() / 2] < 0.04 && off[off.len() - 1] < 0.1, "{off:.3?}");
+}
+
 #[test]
 fn people_in_any_stance_are_found_with_all_limbs() {
     let wrong = wrong(9300..9320, 10, true);

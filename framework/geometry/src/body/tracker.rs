@@ -13,7 +13,7 @@ use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
 use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits, add_size_limits};
 use super::layout::{Layout, Presence};
 use super::parts::{Joint, Limb, N_PARTS, Part};
-use super::proportions::{Limits, Proportions, joint_sigma};
+use super::proportions::{Limits, Proportions, joint_sigma, share};
 
 mod elsewhere;
 mod levels;
@@ -231,7 +231,10 @@ impl BodyTracker {
         trunk: &TrunkFound,
     ) -> Result<BodyTracker, AcquisitionFailure> {
         let proportions = standing(field, trunk, &options.proportions);
-        let body = body_of(trunk, &proportions);
+        // Where legs part is told of legs that do; of others it is far below.
+        let expected = 2.0 * share(Part::Torso).z * proportions.stature;
+        let length = (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0;
+        let body = body_of(&TrunkFound { length, ..trunk.clone() }, &proportions);
         let layout = Layout::new(|it| !it.is_limb());
         let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
         let mut tracker = Self {
