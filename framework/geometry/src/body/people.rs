@@ -33,8 +33,9 @@ pub struct PeopleOptions {
     pub gap: f64,
 }
 
-/// Several bodies that explain less than one would leave so much more of the skin to nobody [–]: where they are cut apart nobody has any.
-const MORE: f64 = 0.03;
+/// One body leaves so much more of the skin to nobody than several do, where there are several [–]: laid across two who touch, one leaves 0.11 and more; a raised arm, with half of the body that it is
+/// on, makes two bodies that leave hardly less than the one.
+const FEWER: f64 = 0.06;
 
 /// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
@@ -276,7 +277,7 @@ impl People {
                 let unexplained = several.iter().map(|it| it.support().unexplained).sum::<f64>() / several.len() as f64;
                 match found {
                     Err(failure) if several.is_empty() => Err(failure),
-                    Ok(one) if several.is_empty() || unexplained > one.support().unexplained + MORE => Ok(vec![one]),
+                    Ok(one) if several.is_empty() || unexplained > one.support().unexplained - FEWER => Ok(vec![one]),
                     _ => Ok(several),
                 }
             };
