@@ -204,6 +204,26 @@ fn crossing_lights_keep_their_identities_by_every_method_and_hypotheses_are_kept
 }
 
 #[test]
+fn lights_whose_images_are_one_spot_for_a_while_are_drawn_off_by_little_and_stay_themselves() {
+    for association in [AssociationMethod::Nearest, AssociationMethod::Global] {
+        let (mut id_switches, mut identities, mut p95) = (0, 0.0, 0.0_f64);
+        for seed in 21..=26 {
+            let lab = Lab { seed, melt: 4.0, ..Lab::new(8) };
+            let lights = Crossings::new(4, 8.0, ROOM_M, [0.03, 0.1], seed);
+            let settings = IntegratorSettings { association, ..IntegratorSettings::default() };
+            let (score, _) = run(&lab, &lights, 8.0, &settings);
+            id_switches += score.id_switches;
+            identities += score.identities_per_light() / 6.0;
+            p95 = p95.max(score.error_p95);
+        }
+        assert!(
+            id_switches == 0 && identities < 1.01 && p95 < 6.6e-3,
+            "{association:?}: {id_switches} switches, {identities} identities a light, p95 {p95} m"
+        );
+    }
+}
+
+#[test]
 fn each_method_gives_the_same_bits_again() {
     let lab = Lab { clutter: 2.0, hidden: 0.2, melt: 3.0, ..Lab::new(6) };
     let lights = Crossings::new(4, 3.0, ROOM_M, [0.03, 0.1], 5);

@@ -19,7 +19,9 @@ use foveate::estimation::assignment::{Workspace, optimal};
 use foveate::estimation::motion::Filter;
 use foveate::geometry::Camera;
 use foveate::messages::Feature;
-use nalgebra::{Matrix2, Matrix2x3, Vector2};
+use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2};
+
+use super::unresolved::Predicted;
 
 /// What a pair needs to be a pair.
 #[derive(Debug, Clone, Copy)]
@@ -44,6 +46,8 @@ pub(super) struct View<'a> {
     pub filter: &'a Filter,
     /// Its gate may hold this many false features in one frame, on average, and no more [–].
     pub most_clutter: f64,
+    /// The part of the frames of late that saw it, where it is known well enough to share a feature with another target [–].
+    pub shares: Option<f64>,
 }
 
 /// How a target without a feature compares with one that has: −2 ln of a density of false features of one in a picture of
@@ -61,29 +65,37 @@ pub(super) struct Pair {
     pub track: usize,
     /// Number of the feature.
     pub feature: usize,
+    /// Where the feature says that the target is [px].
+    pub pixel: Point2<f64>,
     /// Measured minus expected [px].
     pub innovation: Vector2<f64>,
     /// Of the pixel by the position [px/m].
     pub jacobian: Matrix2x3<f64>,
+    /// What is uncertain of it beside the feature's own covariance and the camera's error: of a spot that is two targets [px²].
+    pub spread: Matrix2<f64>,
 }
 
 /// The search for pairs, with its buffers.
 #[derive(Debug, Default)]
 pub(super) struct Association {
     /// Row and number of each usable feature, ascending by row.
-    rows: Vec<(f64, usize)>,
+    pub(super) rows: Vec<(f64, usize)>,
     /// All pairs within the gate, by view.
     candidates: Vec<Pair>,
     /// Those that were chosen: at most one a target, at most one a feature.
-    chosen: Vec<Pair>,
+    pub(super) chosen: Vec<Pair>,
     /// By target: whether it has a feature.
-    target_taken: Vec<bool>,
+    pub(super) target_taken: Vec<bool>,
     /// By target: whether it lies in the camera's field of view.
     in_view: Vec<bool>,
     /// By feature: whether it has a target.
-    feature_taken: Vec<bool>,
+    pub(super) feature_taken: Vec<bool>,
     /// By feature: whether it lies in the gate of a target that does not dare to take it.
     disputed: Vec<bool>,
+    /// Targets that may share a feature.
+    pub(super) predicted: Vec<Predicted>,
+    /// By target: whether it shares a feature with another one.
+    pub(super) is_unresolved: Vec<bool>,
     /// Features without finite numbers or with a negative variance.
     pub unusable: u64,
     clusters: Clusters,
@@ -110,6 +122,9 @@ impl Association {
         self.in_view.resize(n_tracks, false);
         self.target_taken.clear();
         self.target_taken.resize(n_tracks, false);
+        self.predicted.clear();
+        self.is_unresolved.clear();
+        self.is_unresolved.resize(n_tracks, false);
         for (number, view) in views.enumerate() {
             self.pair_up(number, &view, camera, features, gate, largest_variance);
         }
@@ -135,6 +150,11 @@ impl Association {
         for number in 0..self.clusters.len() {
             self.choose_best_of(number, |_| true);
         }
+    }
+
+    /// Whether target number `track` shared a feature of the last frame with another target.
+    pub fn is_unresolved(&self, track: usize) -> bool {
+        self.is_unresolved.get(track).copied().unwrap_or(false)
     }
 
     /// Fixes the best pairs of cluster `number`, among those that `counts` admits.
@@ -226,6 +246,11 @@ impl Association {
         self.feature_taken.iter().filter(|it| **it).count()
     }
 
+    /// How many features of the last frame belong to two targets.
+    pub fn n_shared(&self) -> usize {
+        self.is_unresolved.iter().filter(|it| **it).count() / 2
+    }
+
     /// How many features of the last frame are no target's, and in no target's gate.
     pub fn n_false(&self) -> usize {
         self.unmatched().filter(|&feature| !self.disputed[feature]).count()
@@ -262,7 +287,7 @@ impl Association {
     fn pair_up(
         &mut self,
         number: usize,
-        &View { track, filter, most_clutter }: &View<'_>,
+        &View { track, filter, most_clutter, shares }: &View<'_>,
         camera: &Camera,
         features: &[Feature],
         gate: &Gate,
@@ -273,6 +298,10 @@ impl Association {
         let Some((expected, jacobian)) = projected else { return };
         let own = gate.noise(&Matrix2::zeros(), &jacobian, filter);
         let predicted = filter.innovation_covariance(&jacobian, &own);
+        if let Some(share) = shares {
+            let covariance = predicted - own;
+            self.predicted.push(Predicted { track, view: number, share, pixel: expected, jacobian, covariance });
+        }
         let area = PI * gate.sigma * gate.sigma * predicted.determinant().max(0.0).sqrt();
         let dares = area * gate.clutter <= most_clutter;
         // No axis of S is longer than its trace; a feature further away than that cannot pass the gate.
@@ -295,7 +324,8 @@ impl Association {
                 self.disputed[feature] = true;
             } else if inside {
                 let cost = squared + determinant.ln();
-                self.candidates.push(Pair { cost, view: number, track, feature, innovation, jacobian });
+                let (pixel, spread) = (features[feature].centre, Matrix2::zeros());
+                self.candidates.push(Pair { cost, view: number, track, feature, pixel, innovation, jacobian, spread });
             }
         }
     }

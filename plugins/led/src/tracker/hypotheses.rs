@@ -153,7 +153,12 @@ impl Hypotheses {
             let of_group =
                 group.into_iter().flat_map(|(group, place)| group.hypotheses.iter().map(move |it| &it.filters[place]));
             let most_clutter = track.most_clutter();
-            alone.into_iter().chain(of_group).map(move |filter| View { track: number, filter, most_clutter })
+            alone.into_iter().chain(of_group).map(move |filter| View {
+                track: number,
+                filter,
+                most_clutter,
+                shares: None,
+            })
         })
     }
 

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | when a frame counts, and as of when [§3.5] | here, and `history` |
 //! | pairs of targets and features | `association`, and `hypotheses` where one frame cannot tell |
+//! | spots that are two targets | `unresolved` |
 //! | initiations | `initiation`, and [`consensus`](crate::consensus); `partners`: who can confirm whom |
 //! | deaths | `track`, and here |
 //! | identities taken up again | `memory` |
@@ -22,6 +23,7 @@ mod partners;
 mod settings;
 mod tally;
 mod track;
+mod unresolved;
 
 use foveate::estimation::clocks::{ClockEstimate, ClockEstimator, ClockObservation, ClockSettings};
 use foveate::estimation::motion::{AdaptiveNoise, Filter, Model};
@@ -29,7 +31,7 @@ use foveate::geometry::Camera;
 use foveate::messages::{CameraId, CameraSet, Features, Interval, Provenance, Target, TargetId, Targets, Time};
 use nalgebra::{Matrix2, Matrix6, Point3, Vector3};
 
-use association::{Association, Gate, Pair, View};
+use association::{Association, Gate, Pair};
 use history::{Seen, Step};
 use hypotheses::{Frame, Hypotheses};
 use initiation::{Conditions, TrackInitiation};
@@ -311,19 +313,20 @@ impl Tracker {
             self.tally.ambiguities = self.hypotheses.begun;
         } else {
             let views = self.tracks.iter().enumerate();
-            let views = views.map(|(track, it)| View { track, filter: &it.filter, most_clutter: it.most_clutter() });
+            let views = views.map(|(track, it)| it.view(track, &it.filter));
             association.find_candidates(n, views, model, &features.list, &gate);
             match self.settings.association {
                 AssociationMethod::Nearest => association.choose_nearest(),
                 AssociationMethod::Global | AssociationMethod::Hypotheses => association.choose_global(),
             }
+            association.share_spots(&features.list, &gate);
         }
         let keeps_history = self.settings.late == LateRule::OutOfSequence;
         let reach = Interval::from_ms(self.settings.history_ms());
         for pair in self.association.pairs() {
             let track = &mut self.tracks[pair.track];
             let feature = &features.list[pair.feature];
-            let noise = gate.noise(&feature.covariance, &pair.jacobian, &track.filter);
+            let noise = gate.noise(&(feature.covariance + pair.spread), &pair.jacobian, &track.filter);
             if self.settings.clocks != Clocks::Trust && track.is_established() {
                 let seen = clock_observation(stamp, now, pair, &track.filter, &noise);
                 self.clocks.observe(usize::from(camera.0), &seen);
@@ -336,7 +339,7 @@ impl Tracker {
             }
             track.note(camera, now);
             if keeps_history {
-                let seen = Some(Seen { camera, pixel: feature.centre, noise });
+                let seen = Some(Seen { camera, pixel: pair.pixel, noise });
                 track.history.push(Step { time: now, seen, filter: track.filter.clone() }, reach);
             }
         }
@@ -352,25 +355,25 @@ impl Tracker {
             self.past.extend(track.history.filter_at(time, track.noise_scale()).map(|filter| (number, filter)));
         }
         let (past, tracks) = (&self.past, &self.tracks);
-        let views =
-            past.iter().map(|&(track, ref filter)| View { track, filter, most_clutter: tracks[track].most_clutter() });
+        let views = past.iter().map(|&(track, ref filter)| tracks[track].view(track, filter));
         let model = &self.cameras[usize::from(camera.0)];
         self.association.find_candidates(self.tracks.len(), views, model, &features.list, &gate);
         match self.settings.association {
             AssociationMethod::Nearest => self.association.choose_nearest(),
             AssociationMethod::Global | AssociationMethod::Hypotheses => self.association.choose_global(),
         }
+        self.association.share_spots(&features.list, &gate);
         for pair in self.association.pairs() {
             let track = &mut self.tracks[pair.track];
             let feature = &features.list[pair.feature];
             let filter = &mut self.past[pair.view].1;
-            let noise = gate.noise(&feature.covariance, &pair.jacobian, filter);
+            let noise = gate.noise(&(feature.covariance + pair.spread), &pair.jacobian, filter);
             if self.settings.clocks != Clocks::Trust && track.is_established() {
                 let seen = clock_observation(stamp, time, pair, filter, &noise);
                 self.clocks.observe(usize::from(camera.0), &seen);
             }
             filter.update_pixel(pair.innovation, &pair.jacobian, &noise);
-            let seen = Some(Seen { camera, pixel: feature.centre, noise });
+            let seen = Some(Seen { camera, pixel: pair.pixel, noise });
             let step = Step { time, seen, filter: filter.clone() };
             track.filter = track.history.insert(step, &self.cameras, track.noise_scale(), now);
             track.note_late(camera, time);
@@ -383,6 +386,7 @@ impl Tracker {
         let clutter = &mut self.clutter[usize::from(camera.0)];
         *clutter += CLUTTER_WEIGHT * (self.association.n_false() as f64 - *clutter);
         self.tally.used += self.association.n_used() as u64;
+        self.tally.shared += self.association.n_shared() as u64;
         self.tally.unmatched += n_unmatched as u64;
         self.tally.unusable = self.association.unusable;
     }
@@ -390,7 +394,7 @@ impl Tracker {
     /// Lets each target know whether the frame that shows its place saw it.
     fn judge(&mut self) {
         for (index, track) in self.tracks.iter_mut().enumerate() {
-            if self.association.in_view(index) {
+            if self.association.in_view(index) && !self.association.is_unresolved(index) {
                 track.judge(self.association.has_feature(index), self.settings.initiation_share);
             }
         }

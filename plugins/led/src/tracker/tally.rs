@@ -25,6 +25,8 @@ pub struct Tally {
     pub ambiguities: u64,
     /// Features that belonged to a target.
     pub used: u64,
+    /// Features that were taken for two targets at once.
+    pub shared: u64,
     /// Features that belonged to none when they came; those of an initiation are among them.
     pub unmatched: u64,
     /// Features without finite numbers, or with a covariance that is none.

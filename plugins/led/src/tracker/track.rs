@@ -3,6 +3,7 @@
 use foveate::estimation::motion::{AdaptiveNoise, Filter};
 use foveate::messages::{CameraId, CameraSet, Interval, Provenance, Target, TargetId, Time};
 
+use super::association::View;
 use super::history::History;
 use super::memory::{Lost, Neighbours, Wander};
 
@@ -134,6 +135,12 @@ impl Track {
         let surprise = -f64::from(self.misses) * (1.0 - self.share.min(MOST_SHARE)).ln();
         let beyond = (surprise / SURPRISING).max(1.0);
         adapted * (beyond * beyond).min(MOST_FOR_MISSES)
+    }
+
+    /// How it is seen through `filter`, which is its own or was; it has the number `track`.
+    pub fn view<'f>(&self, track: usize, filter: &'f Filter) -> View<'f> {
+        let shares = self.is_established().then_some(self.share_of_late);
+        View { track, filter, most_clutter: self.most_clutter(), shares }
     }
 
     /// Whether most cameras that usually see it have lost it of late: it is hidden, or it is not where its filter says.
