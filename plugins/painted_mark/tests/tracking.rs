@@ -128,6 +128,30 @@ fn a_disputed_mark_is_dropped_at_once_and_an_ambiguous_place_gives_no_name() {
 }
 
 #[test]
+fn a_dot_beside_where_a_mark_should_be_is_that_mark_only_if_others_see_it() {
+    for (sigma, is_named) in [(0.2, true), (2.0, false)] {
+        let mut sequence = Sequence::new(Play::default(), 12, 7);
+        let (mut mark_tracker, mut features) = (mark_tracker(vec![]), Features::default());
+        let mut see = |t: usize, guide: &[GuidedMark]| {
+            let guide = (!guide.is_empty()).then(|| (Sequence::stamp(t - 1).time, guide));
+            mark_tracker.see(&sequence.picture(t), Sequence::stamp(t), guide, &mut features).unwrap();
+            (features.clone(), sequence.truth(t))
+        };
+        let others =
+            |truth: &[(Point2<f64>, bool)]| (1..12).map(|it| guided(20 + it as u32, truth[it].0)).collect::<Vec<_>>();
+        let (_, truth) = see(0, &[]);
+        let (_, truth) = see(1, &others(&truth));
+        // The others have names by now, and say how the surface moved.
+        let beside = truth[0].0 + Vector2::new(2.7, 0.0);
+        let hidden = GuidedMark { covariance: Matrix2::identity() * sigma * sigma, ..guided(5, beside) };
+        let guide: Vec<GuidedMark> = others(&truth).into_iter().chain([hidden]).collect();
+        let (named, truth) = see(2, &guide);
+        assert_eq!(label_at(&named, truth[0].0), is_named.then_some(5), "known to {sigma} px");
+        assert_eq!(label_at(&named, truth[3].0), Some(23));
+    }
+}
+
+#[test]
 fn a_guide_of_the_first_of_several_cameras_is_for_the_picture_next_to_its_time() {
     for (early_ms, is_heeded) in [(0.0, true), (5.0, true), (-5.0, false)] {
         let mut sequence = Sequence::new(Play { speed_px: 20.0, ..Play::default() }, 12, 7);

@@ -11,6 +11,10 @@ const PATIENCE: u32 = 15;
 /// A mark that nobody named from outside is none once its cameras contradicted one another in so many frames more than they agreed in: half a second at the
 /// 60 Hz of heads.
 const MOST_CONTRADICTIONS: u32 = 30;
+/// Of two hidden marks that may have come out at a place, the second has to be so many times as far from where it should be as the first.
+const CLEARLY_FARTHER: f64 = 2.0;
+/// After so many frames in which that was not clear the first is taken: the second may never come out again.
+const MOST_UNDECIDED: u32 = 30;
 /// Marks by whose motion an unseen one is extrapolated: its nearest so many.
 const NEIGHBOURS: usize = 10;
 /// Fewer marks than this do not say how the surface moved.
@@ -30,6 +34,8 @@ pub(super) struct Known {
     pub is_believed: bool,
     /// Frames in which two cameras or more saw it, not in one place, over those in which they agreed.
     contradictions: u32,
+    /// Frames in which something came out that may be it or another one, since it was seen.
+    undecided: u32,
     /// Whether it was named from outside.
     is_given: bool,
 }
@@ -37,7 +43,16 @@ pub(super) struct Known {
 impl Known {
     /// Nobody has seen it under a name.
     fn at(position: Point3<f64>) -> Known {
-        Known { position, is_seen: false, seen: 0, unseen: 0, is_believed: false, contradictions: 0, is_given: false }
+        Known {
+            position,
+            is_seen: false,
+            seen: 0,
+            unseen: 0,
+            is_believed: false,
+            contradictions: 0,
+            undecided: 0,
+            is_given: false,
+        }
     }
 }
 
@@ -112,7 +127,7 @@ impl TrackStore {
             mark.is_seen = position.is_some();
             match position {
                 Some(position) if mark.is_believed || !weak.contains(label) => {
-                    (mark.position, mark.unseen) = (*position, 0);
+                    (mark.position, mark.unseen, mark.undecided) = (*position, 0, 0);
                     mark.seen += 1;
                     mark.is_believed |= mark.seen >= initiation_frames;
                 }
@@ -138,16 +153,30 @@ impl TrackStore {
         self.marks.get(&label).is_some_and(|it| !it.is_given)
     }
 
-    /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m]. Whether there is such a one; where
-    /// there are several, nobody is moved, and nobody new is there either.
+    /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m], and by far not as near as another one.
+    /// Whether there is any within reach; where another one may be it as well, nobody is moved for a second, and nobody new is there either: skin that is pulled aside has a mark come out halfway to
+    /// where its neighbour should be.
     pub fn moved_to(&mut self, position: &Point3<f64>, reach: f64) -> bool {
-        let is_near = |mark: &Known| mark.is_believed && mark.unseen > 0 && (mark.position - position).norm() < reach;
-        let mut near = self.marks.values_mut().filter(|it| is_near(it));
-        let Some(mark) = near.next() else { return false };
-        if near.next().is_none() {
-            mark.position = *position;
+        let (mut near, mut second) = ((f64::INFINITY, None), f64::INFINITY);
+        for (label, mark) in self.marks.iter().filter(|it| it.1.is_believed && it.1.unseen > 0) {
+            let distance = (mark.position - position).norm();
+            if distance < near.0 {
+                second = near.0;
+                near = (distance, Some(*label));
+            } else {
+                second = second.min(distance);
+            }
         }
-        true
+        let is_clear = second >= CLEARLY_FARTHER * near.0;
+        let moved = near.1.filter(|_| near.0 < reach).and_then(|label| self.marks.get_mut(&label));
+        if let Some(mark) = moved {
+            mark.undecided += 1;
+            if is_clear || mark.undecided > MOST_UNDECIDED {
+                (mark.position, mark.undecided) = (*position, 0);
+            }
+            return true;
+        }
+        false
     }
 
     /// Distance to the nearest mark [m].
@@ -241,6 +270,14 @@ mod tests {
             track_store.moved_to(&at(0.106), 0.009) && track_store.marks[&1].position == at(0.1),
             "one of two, nobody knows which"
         );
+        for _ in 1..MOST_UNDECIDED {
+            assert!(track_store.moved_to(&at(0.105), 0.009) && track_store.marks[&1].position == at(0.1), "5 and 7 mm");
+        }
+        (0..2).for_each(|_| assert!(track_store.moved_to(&at(0.105), 0.009)));
+        assert_eq!(track_store.marks[&1].position, at(0.105), "a second later");
+        track_store.named(1, at(0.1));
+        track_store.update(&BTreeMap::new(), &BTreeSet::new(), None, 1);
+        assert!(track_store.moved_to(&at(0.103), 0.009) && track_store.marks[&1].position == at(0.103), "3 and 9 mm");
         assert!(!track_store.moved_to(&at(0.05), 0.009));
     }
 

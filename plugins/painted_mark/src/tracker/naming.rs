@@ -16,8 +16,10 @@ const CARRIED_BY_PX: f64 = 200.0;
 const CARRIED: f64 = 1.0;
 /// The motion of the whole names so many marks at a time, or none.
 const LEAST_AGREED: usize = 4;
-/// Within three standard deviations, squared.
+/// Within three standard deviations, squared; within one where the guide knows a mark worse than carrying it on adds: no camera sees that mark, so none would contradict.
+/// What the motion of the whole names has many others to agree with.
 const GATE: f64 = 9.0;
+const HIDDEN_GATE: f64 = 1.0;
 
 /// A second candidate has to be at least this far away where the first is at `near` [px].
 pub(super) fn clear_of(near: f64) -> f64 {
@@ -71,7 +73,9 @@ impl MarkTracker {
             let dot = &self.tracks[at];
             let offset = dot.pixel - one.place;
             let covariance = one.covariance + dot.covariance + Matrix2::identity() * CARRIED;
-            let is_within = covariance.cholesky().is_some_and(|it| it.solve(&offset).dot(&offset) <= GATE);
+            let is_hidden = !one.is_by_whole && one.covariance.trace() > 2.0 * CARRIED;
+            let gate = if is_hidden { HIDDEN_GATE } else { GATE };
+            let is_within = covariance.cholesky().is_some_and(|it| it.solve(&offset).dot(&offset) <= gate);
             let others = wanted.iter().enumerate().filter(|it| it.0 != k);
             let other = others.map(|(_, it)| (dot.pixel - it.place).norm()).fold(f64::INFINITY, f64::min);
             if is_within && second.min(other) >= clear_of(near) {
