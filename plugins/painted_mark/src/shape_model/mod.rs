@@ -6,6 +6,7 @@ mod leftover;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod unseen;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ use capture::{Capture, Rigid};
 use held_out::HeldOut;
 use leftover::Leftover;
 pub use settings::{Kind, ShapeSettings};
+use unseen::Unseen;
 
 ports! {
     MARKS_IN: In<Marks> = each("marks");
@@ -38,6 +40,7 @@ figures! {
     "shape.fitted_frames": count, neither, "Frames that the model was fitted to; those before it was there are left out";
     "shape.all_marks_measured": share, high, "Fitted frames in which no mark had to be filled";
     "shape.filled": count, neither, "Marks filled by the model, over all fitted frames";
+    "shape.left_out": count, low, "Hidden marks of the model that were left out since more than most_sigma_mm is stated of them, over all fitted frames";
     "shape.contradicting": count, low, "Measured marks that contradicted all others and were filled, over all fitted frames";
     "shape.frames_out_of_distribution": count, low, "Fitted frames whose out-of-distribution score is 1 or more";
     "shape.fit_rms_mm.{median,p95}": mm, low, "Root mean square distance of the measured marks of a frame from the fitted model, over fitted frames";
@@ -50,7 +53,7 @@ const UNKNOWN_VELOCITY: f64 = 1e6;
 
 /// Marks as they were measured come in; all marks of the model go out, in a space that moves with the head (the knee): the measured ones where they were
 /// measured, the hidden ones where the model has them, and what it leaves of their neighbours has them move, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
-/// mark's place among the measured ones; and it grows with how far measured marks are off that are held out as if they were hidden. Measured marks that contradict all others are filled as well.
+/// mark's place among the measured ones; it grows with how far measured marks are off that are held out as if they were hidden, and where cameras would see the mark if it were there. Measured marks that contradict all others are filled as well.
 ///
 /// The model is read from a file, or acquired from this very session. Until it is there, and without any, the surface is taken for rigid: marks go out as measured, with
 /// a pose. The axes of the space are those of the first complete frame, which are the world's for marks from `painted_mark.integrator`; its origin is in the middle of the mean shape.
@@ -61,6 +64,7 @@ pub struct Shape {
     stage: Stage,
     fitter: Option<ShapeFitter>,
     held_out: Option<HeldOut>,
+    unseen: Option<Unseen>,
     spaces: Option<Spaces>,
     /// Where marks were last in the scale's space.
     last: BTreeMap<u32, Point3<f64>>,
@@ -83,6 +87,7 @@ struct Tally {
     fitted: u64,
     all_measured: u64,
     filled: u64,
+    left_out: u64,
     wrong: u64,
     out_of_distribution: u64,
     gaps: u64,
@@ -123,6 +128,7 @@ impl Node for Shape {
             settings,
             stage,
             held_out: fitter.as_ref().map(HeldOut::of),
+            unseen: fitter.as_ref().map(|it| Unseen::of(it.model())),
             fitter,
             spaces: is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
             last: BTreeMap::new(),
@@ -171,6 +177,7 @@ impl Node for Shape {
             report.figure("shape.fitted_frames", tally.fitted as f64);
             report.figure("shape.all_marks_measured", tally.all_measured as f64 / tally.fitted as f64);
             report.figure("shape.filled", tally.filled as f64);
+            report.figure("shape.left_out", tally.left_out as f64);
             report.figure("shape.contradicting", tally.wrong as f64);
             report.figure("shape.frames_out_of_distribution", tally.out_of_distribution as f64);
             if let Some(rms) = Summary::of(&tally.rms_mm) {
@@ -200,8 +207,13 @@ impl Shape {
         self.acquire(measured);
         let fitted = self.fit(measured).inspect_err(|_| self.tally.gaps += 1)?;
         let is_modelled = matches!(self.stage, Stage::Modelled { .. });
-        let factor = self.held_out.as_ref().map_or(1.0, HeldOut::factor);
-        let marks = place(measured, &fitted, self.fitter.as_ref().filter(|_| is_modelled), factor);
+        let most_mm = self.settings.most_sigma_mm;
+        let most_sigma = if most_mm > 0.0 { most_mm * 1e-3 } else { f64::INFINITY };
+        if let (Some(unseen), Some(fitter)) = (&mut self.unseen, &self.fitter) {
+            unseen.see(fitter.model(), &measured.list);
+        }
+        let filling = Filling { held_out: self.held_out.as_ref(), unseen: self.unseen.as_ref(), most_sigma };
+        let marks = place(measured, &fitted, self.fitter.as_ref().filter(|_| is_modelled), &filling);
         self.count(&marks, &fitted, is_modelled);
         let own_from_world = self.own_from_world(measured.time);
         let targets = own_from_world.map(|it| self.targets(measured, &marks, &it));
@@ -233,6 +245,7 @@ impl Shape {
                 }
                 let fitter = ShapeFitter::new(model);
                 self.held_out = Some(HeldOut::of(&fitter));
+                self.unseen = Some(Unseen::of(fitter.model()));
                 self.fitter = Some(fitter);
                 self.stage = Stage::Modelled { n_frames: Some(n_frames) };
             }
@@ -288,6 +301,8 @@ impl Shape {
         tally.fitted += 1;
         let filled = || marks.list.iter().filter(|it| it.provenance == Provenance::Filled);
         tally.filled += filled().count() as u64;
+        let labels = self.fitter.iter().flat_map(|it| &it.model().labels);
+        tally.left_out += labels.filter(|it| marks.get(**it).is_none()).count() as u64;
         tally.all_measured += u64::from(filled().next().is_none());
         tally.wrong += fitted.wrong.len() as u64;
         tally.out_of_distribution += u64::from(fitted.out_of_distribution >= 1.0);
@@ -343,8 +358,24 @@ fn left_of(seen: &[Mark], fitted: &FittedShape, fitter: &ShapeFitter) -> Vec<(Po
     seen.iter().filter_map(left).collect()
 }
 
-/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong, whose variances are multiplied by `factor`.
-fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, factor: f64) -> Marks {
+/// How hidden marks are filled.
+struct Filling<'a> {
+    held_out: Option<&'a HeldOut>,
+    unseen: Option<&'a Unseen>,
+    /// Standard deviation of one axis; hidden marks of which more is stated are left out [m].
+    most_sigma: f64,
+}
+
+impl Filling<'_> {
+    /// What is known of the filled mark number `mark`, of which the model states `covariance` [m²].
+    fn covariance(&self, mark: usize, covariance: &Matrix3<f64>) -> Matrix3<f64> {
+        let as_stated = covariance * self.held_out.map_or(1.0, HeldOut::factor);
+        as_stated + Matrix3::identity() * self.unseen.map_or(0.0, |it| it.variance(mark))
+    }
+}
+
+/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong, as `filling` says.
+fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, filling: &Filling<'_>) -> Marks {
     let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
     let into_shape = |covariance: &Matrix3<f64>| turn.transpose() * covariance * turn;
     let is_kept =
@@ -361,15 +392,18 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, fa
         .collect();
     let n_kept = list.len();
     let leftover = model.and_then(|it| Leftover::of(&left_of(&list, fitted, it)));
-    for (label, mark) in model.iter().flat_map(|it| it.model().labels.iter().zip(&fitted.marks)) {
+    for (number, (label, mark)) in model.iter().flat_map(|it| it.model().labels.iter().zip(&fitted.marks)).enumerate() {
         if list[..n_kept].binary_search_by_key(label, |it| it.label).is_err() {
-            list.push(Mark {
+            let filled = Mark {
                 label: *label,
                 position: mark.position + leftover.as_ref().map_or(Vector3::zeros(), |it| it.at(&mark.position)),
-                covariance: mark.covariance * factor,
+                covariance: filling.covariance(number, &mark.covariance),
                 cameras: CameraSet::default(),
                 provenance: Provenance::Filled,
-            });
+            };
+            if filled.sigma() <= filling.most_sigma {
+                list.push(filled);
+            }
         }
     }
     list.sort_by_key(|it| it.label);

@@ -53,6 +53,9 @@ pub struct ShapeSettings {
     /// A mark farther than this from where all others have it is not that mark; it is filled in its place [standard deviations]
     #[schemars(range(min = 3.0, max = 1000.0))]
     pub gate_sigmas: f64,
+    /// A hidden mark of which more than this is stated, standard deviation of one axis, is left out rather than filled; 0: all are filled [mm]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub most_sigma_mm: f64,
     /// With fewer marks of the model measured there is no fit [–]
     #[schemars(range(min = 3, max = 1000))]
     pub min_marks: u32,
@@ -74,6 +77,7 @@ impl Default for ShapeSettings {
             unseen: 0.1,
             reach_mm: 20.0,
             gate_sigmas: 6.0,
+            most_sigma_mm: 0.0,
             min_marks: 8,
         }
     }
@@ -90,6 +94,7 @@ impl ShapeSettings {
         ConfigError::unless_in("unseen", self.unseen, 0.0..=10.0)?;
         ConfigError::unless_in("reach_mm", self.reach_mm, 0.1..=10_000.0)?;
         ConfigError::unless_in("gate_sigmas", self.gate_sigmas, 3.0..=1000.0)?;
+        ConfigError::unless_in("most_sigma_mm", self.most_sigma_mm, 0.0..=1000.0)?;
         ConfigError::unless_in("min_marks", self.min_marks, 3..=1000)?;
         let acquires = self.acquire_until_s > 0.0;
         if acquires && self.acquire_until_s <= self.acquire_from_s {

@@ -18,6 +18,8 @@ struct Face {
     random: Random,
     /// Of waves that run over the skin, which nobody showed while the model was acquired [m].
     swing: f64,
+    /// That see each of its marks.
+    cameras: u16,
 }
 
 impl Face {
@@ -27,7 +29,7 @@ impl Face {
             let (y, z) = (random.uniform_in(-0.07, 0.07), random.uniform_in(-0.09, 0.09));
             Point3::new(0.08 - 6.0 * y * y - 3.0 * z * z, y, z)
         };
-        Self { places: (0..N_MARKS).map(place).collect(), random: Random::new(41), swing: 0.0 }
+        Self { places: (0..N_MARKS).map(place).collect(), random: Random::new(41), swing: 0.0, cameras: 2 }
     }
 
     fn world_from_face(time_s: f64) -> Isometry3<f64> {
@@ -62,7 +64,7 @@ impl Face {
             label: label as u32,
             position: world_from_marks.inverse() * (place + noise()),
             covariance: Matrix3::identity() * SIGMA * SIGMA,
-            cameras: [CameraId(1), CameraId(2)].into_iter().collect(),
+            cameras: (1..=self.cameras).map(CameraId).collect(),
             provenance: Provenance::Measured,
         };
         Marks {
@@ -211,6 +213,35 @@ fn filled_marks_are_stated_as_well_as_held_out_ones_were() {
         let [median, p95] = ["median", "p95"].map(|it| report.figures[&format!("shape.held_out_mm.{it}")]);
         assert!(median < p95 && (0.05..3.0).contains(&median), "{median} {p95}");
     }
+}
+
+#[test]
+fn a_mark_that_cameras_would_see_where_the_model_has_it_is_stated_vaguer_and_left_out_where_that_is_asked() {
+    let face = Face::new();
+    let apart = |it: usize| {
+        let others = face.places.iter().enumerate().filter(|other| other.0 != it);
+        others.map(|other| (other.1 - face.places[it]).norm()).fold(f64::INFINITY, f64::min)
+    };
+    let alone = (0..N_MARKS).max_by(|a, b| apart(*a).total_cmp(&apart(*b))).unwrap();
+    let turned_away: Vec<bool> = face.places.iter().map(|it| it.y > 0.0).collect();
+    let far = (0..N_MARKS).max_by(|a, b| face.places[*a].y.total_cmp(&face.places[*b].y)).unwrap();
+    // What is stated of mark number `of` after half a second in which marks are hidden, and the marks left out by then.
+    let stated = |of: usize, is_hidden: &dyn Fn(usize) -> bool, most_sigma_mm: f64| {
+        let mut face = Face { cameras: 3, ..Face::new() };
+        let settings = ShapeSettings { most_sigma_mm, ..acquiring() };
+        let mut shape = modelled(&mut face, settings, &Setup::for_tests());
+        let frames = (0..8).map(|it| 7.1 + f64::from(it) / 15.0);
+        let last = frames.map(|time_s| shape.step(&face.marks(time_s, |it| !is_hidden(it))).unwrap().0).last().unwrap();
+        let mut report = Report::default();
+        shape.finish(&mut report).unwrap();
+        (last.get(of as u32).map(Mark::sigma), report.figures["shape.left_out"])
+    };
+    let folded = stated(alone, &|it| it == alone, 0.0).0.unwrap();
+    assert!(folded > 0.8 * apart(alone) / 12.0_f64.sqrt() && folded > 1e-3, "{folded} m, {} m", apart(alone));
+    assert_eq!(stated(alone, &|it| it == alone, 1.0), (None, 8.0));
+    let away = stated(far, &|it| turned_away[it], 0.0).0.unwrap();
+    assert!(away < 1e-3, "{away} m: no camera sees what is around it");
+    assert!(stated(far, &|it| turned_away[it], 1.0).0.is_some());
 }
 
 #[test]
