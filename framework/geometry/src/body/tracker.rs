@@ -230,10 +230,13 @@ impl BodyTracker {
         options: &TrackerOptions,
         trunk: &TrunkFound,
     ) -> Result<BodyTracker, AcquisitionFailure> {
-        let proportions = standing(field, trunk, &options.proportions);
-        // Where legs part is told of legs that do; of others it is far below.
-        let expected = 2.0 * share(Part::Torso).z * proportions.stature;
-        let length = (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0;
+        let standing = standing(field, trunk, &options.proportions);
+        let length = standing.as_ref().map_or(trunk.length, |it| {
+            // Where legs part is told of legs that do; of others it is far below.
+            let expected = 2.0 * share(Part::Torso).z * it.stature;
+            (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0
+        });
+        let proportions = standing.unwrap_or_else(|| options.proportions.clone());
         let body = body_of(&TrunkFound { length, ..trunk.clone() }, &proportions);
         let layout = Layout::new(|it| !it.is_limb());
         let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
@@ -532,17 +535,14 @@ impl BodyTracker {
     }
 }
 
-/// Somebody whose trunk is upright stands, as a rule, and is about as tall as the voxels are high below the top of the head; who sits or crouches is far below that, and is left as expected.
-fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Proportions {
+/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the top of the head. `None` of who sits or crouches, and is far below that.
+fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Option<Proportions> {
     let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
     let height = trunk.head.centre.z + trunk.head.radius - lowest;
     let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
-    if trunk.up.z > 0.85 && is_likely {
-        // Knees that bend and legs apart take some percent, shoes and hair give some.
-        let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
-        return Proportions { stature: height, stature_spread, ..expected.clone() };
-    }
-    expected.clone()
+    // Knees that bend and legs apart take some percent, shoes and hair give some.
+    let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
+    (trunk.up.z > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
 }
 
 /// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
