@@ -2,7 +2,7 @@
 //!
 //! 1. To each picture belongs the pattern during which all of its exposure lies, or, of a recording, the next one in turn. A picture that comes out of order, or of which no pattern is known, is left out.
 //! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity (`foresight`).
-//! 3. Tracks that are known say which of the four pictures is shown. One that the projector dropped is taken for what it is.
+//! 3. Which of the four pictures is shown is tried out until it is certain (`follow`). Then tracks that are known say it: a picture that the projector dropped is taken for what it is.
 //! 4. The boundaries of the picture before are decoded, ghosts between where they were and are: so a map comes one picture late, and is of its own picture's time.
 //! 5. The code repeats. The distances that the surface may have, around the target or as set, say which repetition it is; where several fit, the boundary is left out.
 
@@ -12,7 +12,7 @@ use std::sync::Arc;
 use foveate::geometry::Camera;
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::boundary::{
-    BoundaryCode, DetectOptions, Edges, FRAMES, TrackOptions, Tracker, detect, lines,
+    BoundaryCode, DetectOptions, Edges, FRAMES, Held, Line, TrackOptions, Tracker, Turns, detect,
 };
 use foveate::imaging::stripes::code::{Axis, StripeCode};
 use foveate::node::scale::Spaces;
@@ -24,6 +24,7 @@ use crate::foresight::{Field, lit_from, shift, slope};
 use crate::pair::triangulate;
 use crate::pattern::{PatternSettings, projector_of};
 
+mod follow;
 mod recorded;
 mod settings;
 
@@ -102,6 +103,16 @@ pub struct Boundaries {
     recent: VecDeque<Arc<Image>>,
     code: Option<(String, StripeCode)>,
     tracker: Tracker,
+    /// While it is open which of the four patterns is shown, instead of `tracker`.
+    turns: Option<Turns>,
+    /// How many pictures what is shown is ahead of what was said.
+    ahead: usize,
+    /// Whether it was ever found which pattern is shown.
+    is_decided: bool,
+    /// Of a recording whose `first_shows` is wrong: what it is, and what the first picture shows.
+    wrong_first: Option<(u32, u32)>,
+    /// What holds of the last pictures.
+    held: Held,
     before: Option<Before>,
     last: Option<Time>,
     /// Of the last map [m].
@@ -161,7 +172,12 @@ impl Node for Boundaries {
             poses: VecDeque::new(),
             recent: VecDeque::new(),
             code: None,
+            turns: Some(Turns::new(tracker.clone())),
             tracker,
+            ahead: 0,
+            is_decided: false,
+            wrong_first: None,
+            held: Held::default(),
             before: None,
             last: None,
             distance: None,
@@ -237,10 +253,13 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
-        if self.recorded.is_some() && self.frames == 0 && self.empty > 0 {
-            let first = self.settings.first_shows;
+        if let Some((stated, found)) = self.wrong_first {
             report.remark(format!(
-                "{name}: no picture of the recording gave a map: does its first picture show pattern {first} of the code, as `first_shows` says, and is `stripe_px` what was shown?"
+                "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
+            ));
+        } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 {
+            report.remark(format!(
+                "{name}: no picture of the recording gave a map: whichever of the four patterns the first one shows, too few boundaries follow one another. Do pictures show the four patterns in turn, in the order of `foveate patterns`, and do their stripes go as `stripes` says?"
             ));
         }
         if self.lit_from.is_none() && self.unlit > 0 {
@@ -396,7 +415,7 @@ impl Boundaries {
             Some(_) => image.stamp.sequence,
             None => shown.set * FRAMES as u64 + u64::from(shown.index),
         };
-        let told = shown.index as usize % FRAMES;
+        let said = shown.index as usize % FRAMES;
         let Ok(view) = ImageView::new(&image.value.pixels, size[0] as usize, size[1] as usize) else {
             return self.refuse(io, time, "size", "found a picture with too few or too many pixels".to_owned());
         };
@@ -415,8 +434,7 @@ impl Boundaries {
         self.look_over(&edges, &image.value, time);
         let before = self.before.take();
         let passed = before.as_ref().map_or(0, |it| number.saturating_sub(it.number));
-        let mut off = 0.0;
-        match &before {
+        let followed = match &before {
             Some(before) if (1..=MOST_MISSING).contains(&passed) => {
                 if passed > 1 {
                     self.note(
@@ -428,11 +446,7 @@ impl Boundaries {
                 let by = velocity * (time - before.stamp.time).as_s();
                 let field = shift(&before.camera, &camera, &self.projector, distance, &by);
                 let foretold = |x: f32, y: f32| field.at(x, y).map(|it| if it.is_finite() { it } else { 0.0 });
-                self.tracker.predict(passed as u32, &foretold);
-                // What a camera that does not turn sees moves by nothing in common.
-                if self.has_pose {
-                    off = self.tracker.align(&edges, told);
-                }
+                self.follow(&edges, said, Some((passed as u32, &foretold)), time)
             }
             Some(_) if passed == 0 => {
                 let fault = "a second picture was taken while the projector showed the same; is the camera faster than the projector?";
@@ -446,35 +460,11 @@ impl Boundaries {
                     time,
                     &format!("{} pictures of the camera are missing before this one: begins anew", passed - 1),
                 );
-                self.tracker.reset();
+                self.follow(&edges, said, None, time)
             }
-            None => self.tracker.reset(),
-        }
-        let instead = self.tracker.agreement(&edges).instead_of(told);
-        if let Some(instead) = instead {
-            let fault = match &self.recorded {
-                Some(_) => format!(
-                    "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
-                ),
-                None => format!(
-                    "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
-                ),
-            };
-            self.note("dropped", time, &fault);
-        }
-        self.others = if instead.is_some() { self.others + 1 } else { 0 };
-        if self.others > MOST_OTHERS {
-            match (&mut self.recorded, instead) {
-                // From here on the recording is so many pictures ahead.
-                (Some(recorded), Some(instead)) => {
-                    recorded.goes_on_with(told, instead);
-                    self.others = 0;
-                }
-                // Tracks that say so picture after picture are no better known than what the projector was told.
-                _ => self.tracker.reset(),
-            }
-        }
-        self.tracker.update(&edges, instead.unwrap_or(told));
+            None => self.follow(&edges, said, None, time),
+        };
+        let off = followed.off;
         if let Some(before) = before.filter(|_| passed == 1) {
             let off = off.abs().max(before.off.abs());
             if off > MOST_OFF_PX {
@@ -491,7 +481,17 @@ impl Boundaries {
                 );
                 io.gap(&MAP, before.stamp.time, fault);
             } else {
-                self.conclude(io, &before, &code, axis, &image.value);
+                match followed.lines {
+                    Some(lines) => self.conclude(io, &before, &code, axis, &image.value, &lines),
+                    None => {
+                        self.empty += 1;
+                        let fault = match self.wrong_first {
+                            Some(_) => "`first_shows` is wrong",
+                            None => "it is open which of the four patterns is shown",
+                        };
+                        io.gap(&MAP, before.stamp.time, fault);
+                    }
+                }
             }
         }
         self.recent.push_back(Arc::clone(&image.value));
@@ -521,8 +521,15 @@ impl Boundaries {
     }
 
     /// Makes the map of the picture before.
-    fn conclude(&mut self, io: &mut Io<'_>, before: &Before, code: &StripeCode, axis: usize, image: &Image) {
-        let found = lines(&self.tracker);
+    fn conclude(
+        &mut self,
+        io: &mut Io<'_>,
+        before: &Before,
+        code: &StripeCode,
+        axis: usize,
+        image: &Image,
+        found: &[Vec<Line>],
+    ) {
         let mut map = Map::new(image, self.projector.image_size, axis);
         let stripe = code.stripe[axis] as f32;
         let pitch = self.tracker.options().pitch;

@@ -12,7 +12,7 @@ use crate::pattern::{Code, PatternSettings};
 pub(super) struct Recorded {
     /// The patterns, as a projector would say them.
     manifest: String,
-    /// The pattern that a picture of sequence number 0 shows, 0 to 3.
+    /// The pattern that a picture of sequence number 0 is said to show, 0 to 3.
     first: u64,
 }
 
@@ -28,10 +28,10 @@ impl Recorded {
         };
         pattern.stripe_code(None)?;
         let manifest = toml::to_string(&pattern).map_err(ConfigError::node)?;
-        Ok(Recorded { manifest, first: u64::from(settings.first_shows) })
+        Ok(Recorded { manifest, first: u64::from(settings.first_shows.unwrap_or(0)) })
     }
 
-    /// What a picture shows. Numbers that lack are of pictures that lack.
+    /// What a picture is said to show. Numbers that lack are of pictures that lack.
     pub(super) fn shown(&self, stamp: &Stamp) -> Arc<PatternShown> {
         Arc::new(PatternShown {
             index: ((self.first + stamp.sequence) % FRAMES as u64) as u32,
@@ -40,10 +40,5 @@ impl Recorded {
             manifest: self.manifest.clone(),
             ..PatternShown::default()
         })
-    }
-
-    /// A picture shows pattern `found` rather than `expected`, and those after it go on from there.
-    pub(super) fn goes_on_with(&mut self, expected: usize, found: usize) {
-        self.first = (self.first + (found + FRAMES - expected) as u64) % FRAMES as u64;
     }
 }

@@ -18,9 +18,9 @@ pub struct BoundariesSettings {
     pub stripe_px: u32,
     /// What the stripes of a recording tell: `columns` or `rows` of the projector [–]
     pub stripes: String,
-    /// Which of the four patterns the first picture of a recording shows [–]
+    /// Which of the four patterns the first picture of a recording shows: found from the pictures unless set, and held against them if it is [–]
     #[schemars(range(min = 0, max = 3))]
-    pub first_shows: u32,
+    pub first_shows: Option<u32>,
     /// From telling the projector to show a picture to its light [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_ms: f64,
@@ -61,7 +61,7 @@ impl Default for BoundariesSettings {
             projector: crate::pattern::default_projector(),
             stripe_px: PatternSettings::default().stripe_px,
             stripes: "columns".to_owned(),
-            first_shows: 0,
+            first_shows: None,
             latency_ms: 30.0,
             exposure_ms: 4.0,
             distance_m: [0.3, 20.0],
@@ -86,7 +86,9 @@ impl BoundariesSettings {
             let message = format!("found `{}`, expected `columns` or `rows`", self.stripes);
             return Err(ConfigError::at("stripes", message));
         }
-        ConfigError::unless_in("first_shows", self.first_shows, 0..=FRAMES as u32 - 1)?;
+        if let Some(it) = self.first_shows {
+            ConfigError::unless_in("first_shows", it, 0..=FRAMES as u32 - 1)?;
+        }
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=1000.0)?;
         ConfigError::unless_in("exposure_ms", self.exposure_ms, 0.0..=100.0)?;
         let [near, far] = self.distance_m;

@@ -60,6 +60,11 @@ pub fn lines(tracker: &Tracker) -> Vec<Vec<Line>> {
     found
 }
 
+/// Boundaries of the picture before the newest that their own tracks know, before they are held against their neighbours.
+pub(super) fn known(tracker: &Tracker) -> usize {
+    tracker.rows().iter().flatten().filter(|it| line(it).is_some()).count()
+}
+
 /// Where a track was in the picture before the newest, if it is known, and more pictures have borne it out.
 fn line(track: &Track) -> Option<Line> {
     let number = track.number().filter(|_| track.run() >= LEAST_RUN && track.fits_all())? as u16;

@@ -8,6 +8,7 @@
 //! | `adopt` | new tracks get their numbers from known ones around them |
 //! | `sliding` | how a surface goes through the stripes, and where boundaries on it are next |
 //! | `common` | what errors of a head's pose move all tracks by |
+//! | [`turn`] | which of the four pictures is shown, where nobody says it |
 //! | [`decode`] | what holds when boundaries are held against their neighbours, and where they were |
 //!
 //! A boundary is known by what is lit to its left and to its right in each of the four pictures. Where both sides are alike it does not show (a *ghost*), never twice in a row.
@@ -24,8 +25,10 @@ pub mod detect;
 mod scene;
 mod sliding;
 pub mod track;
+pub mod turn;
 
 pub use decode::{Line, lines};
 pub use design::{BoundaryCode, FRAMES, Look};
 pub use detect::{DetectOptions, Edge, Edges, detect};
 pub use track::{Agreement, TrackOptions, Tracker};
+pub use turn::{Held, Turns};

@@ -1,0 +1,146 @@
+//! Takes a picture up into the tracks, and finds which of the four patterns it shows where that is not certain.
+//!
+//! What a projector was told or a recording's `first_shows` says has to be borne out by what boundaries come of it, at the start, after each gap, and where boundaries that are known contradict their neighbours.
+
+use foveate::imaging::stripes::boundary::{Edges, FRAMES, Held, Line, Turns, lines};
+use foveate::prelude::*;
+
+use super::{Boundaries, MOST_OTHERS};
+
+/// A projector or a recording goes on as before as long as this part of the known boundaries of the last pictures holds against their neighbours: of rendered recordings 0.74 and more do, and 0.37 at most of pictures taken for
+/// others than they are [–] …
+const LEAST_HELD: f32 = 0.45;
+/// … of which so many are needed before they say anything.
+const LEAST_KNOWN: f32 = 400.0;
+
+/// What the caller foretells: how far what is at (x, y) moves from the picture before, in columns and rows [px].
+pub(super) type Foretold<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
+
+/// What came of a picture.
+pub(super) struct Followed {
+    /// Boundaries of the picture before it, by row; `None` while it is open which pattern is shown.
+    pub lines: Option<Vec<Vec<Line>>>,
+    /// How far stripes moved in common beyond what the head's pose says [px].
+    pub off: f32,
+}
+
+impl Boundaries {
+    /// Forgets all tracks, and which pattern is shown.
+    pub(super) fn begin_anew(&mut self) {
+        self.tracker.reset();
+        self.turns = Some(Turns::new(self.tracker.clone()));
+        self.held = Held::default();
+        self.others = 0;
+    }
+
+    /// Tracks the edges of a picture of which pattern `said` is said to be shown; `by` is how many pictures after the one before and what is foretold, `None` without one.
+    pub(super) fn follow(
+        &mut self,
+        edges: &Edges,
+        said: usize,
+        by: Option<(u32, Foretold<'_>)>,
+        time: Time,
+    ) -> Followed {
+        if by.is_none() {
+            self.begin_anew();
+        }
+        // What a camera that does not turn sees moves by nothing in common.
+        let (told, has_pose) = ((said + self.ahead) % FRAMES, self.has_pose);
+        if let Some(mut turns) = self.turns.take() {
+            turns.set_pitch(self.tracker.options().pitch);
+            let mut off = [0.0; FRAMES];
+            if let Some((pictures, foretold)) = by {
+                turns.predict(pictures, foretold);
+                if has_pose {
+                    off = turns.align(edges, told);
+                }
+            }
+            turns.update(edges, told);
+            let Some(ahead) = turns.decided() else {
+                self.turns = Some(turns);
+                return Followed { lines: None, off: 0.0 };
+            };
+            self.held = turns.held()[ahead];
+            if !self.take_for(said, ahead, time) {
+                self.turns = Some(turns);
+                return Followed { lines: None, off: 0.0 };
+            }
+            self.tracker = turns.into_tracker(ahead);
+            return Followed { lines: Some(lines(&self.tracker)), off: off[ahead] };
+        }
+        let mut off = 0.0;
+        if let Some((pictures, foretold)) = by {
+            self.tracker.predict(pictures, foretold);
+            if has_pose {
+                off = self.tracker.align(edges, told);
+            }
+        }
+        let instead = self.tracker.agreement(edges).instead_of(told);
+        if let Some(instead) = instead {
+            let fault = match &self.recorded {
+                Some(_) => format!(
+                    "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
+                ),
+                None => format!(
+                    "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
+                ),
+            };
+            self.note("dropped", time, &fault);
+        }
+        self.others = if instead.is_some() { self.others + 1 } else { 0 };
+        if let Some(instead) = instead.filter(|_| self.others > MOST_OTHERS) {
+            // From here on the pictures are so many ahead.
+            self.ahead = (self.ahead + instead + FRAMES - told) % FRAMES;
+            self.others = 0;
+        }
+        self.tracker.update(edges, instead.unwrap_or(told));
+        let lines = lines(&self.tracker);
+        self.held.take(&self.tracker, &lines);
+        if self.held.known >= LEAST_KNOWN && self.held.share() < LEAST_HELD {
+            let fault = format!(
+                "found {:.0} % of the boundaries that are known confirmed by their neighbours, expected {:.0} % at least: pictures are other ones than is said, or move too fast; begins anew",
+                100.0 * self.held.share(),
+                100.0 * LEAST_HELD
+            );
+            self.note("doubt", time, &fault);
+            self.begin_anew();
+            if let Some(turns) = &mut self.turns {
+                turns.update(edges, told);
+            }
+            return Followed { lines: None, off };
+        }
+        Followed { lines: Some(lines), off }
+    }
+
+    /// Goes on with pictures that are `ahead` of what was taken for said; false where a rig states another first picture.
+    fn take_for(&mut self, said: usize, ahead: usize, time: Time) -> bool {
+        if self.wrong_first.is_some() {
+            return false;
+        }
+        let (told, shown) = ((said + self.ahead) % FRAMES, (said + self.ahead + ahead) % FRAMES);
+        let is_first = !std::mem::replace(&mut self.is_decided, true);
+        match (self.settings.first_shows.filter(|_| self.recorded.is_some()), ahead) {
+            (_, 0) => {}
+            (Some(first), _) if is_first => {
+                self.wrong_first = Some((first, (first + ahead as u32) % FRAMES as u32));
+            }
+            // Nobody said what the first picture shows.
+            (None, _) if is_first && self.recorded.is_some() => {}
+            _ => {
+                let why = if self.recorded.is_some() {
+                    "do pictures lack in the recording?"
+                } else {
+                    "is `latency_ms` right?"
+                };
+                let fault = format!(
+                    "found pictures that show pattern {shown} of the code, expected pattern {told} as was said: {why} From here on they are taken for what they show"
+                );
+                self.note("turn", time, &fault);
+            }
+        }
+        if self.wrong_first.is_none() {
+            self.ahead = (self.ahead + ahead) % FRAMES;
+        }
+        self.wrong_first.is_none()
+    }
+}
