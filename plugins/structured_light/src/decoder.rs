@@ -6,6 +6,8 @@
 
 mod words;
 
+use std::borrow::Cow;
+
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, Shown, StripeCode};
 use foveate::imaging::stripes::drift::drift;
@@ -13,6 +15,7 @@ use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::{PhaseOptions, Steps};
+use foveate::imaging::stripes::steady::Steadied;
 use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, SetFault, edges, examine, phase, response};
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -360,13 +363,16 @@ impl Decoder {
             }
         }
         self.worked_out = worked_out;
-        let views: Vec<ImageView<'_>> = pictures
-            .iter()
-            .map(|it| ImageView::new(it, width, height))
-            .collect::<Result<_, _>>()
-            .map_err(|fault| one(fault.to_string()))?;
+        let seen = views_of(&pictures, [width, height]).map_err(one)?;
+        let drift = drift(&code, &seen, self.settings.min_contrast);
+        let crept = drift.as_ref().filter(|it| it.creeps);
+        let steadied = crept.and_then(|it| Steadied::of(&code, &seen, it, self.settings.min_contrast));
+        let pictures: Vec<Cow<'_, [u8]>> = match &steadied {
+            Some(steadied) => steadied.pictures.iter().map(|it| Cow::Borrowed(it.as_slice())).collect(),
+            None => pictures,
+        };
+        let views = views_of(&pictures, [width, height]).map_err(one)?;
         let changed = Some(Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
-        let drift = drift(&code, &views, self.settings.min_contrast);
         let noise = self.settings.noise.max(found.noise);
         // Three standard deviations of a difference of two pixels.
         let by_noise = (3.0 * std::f64::consts::SQRT_2 * found.noise + 0.5).min(127.0) as u8;
@@ -391,14 +397,17 @@ impl Decoder {
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         faults.extend(out_of_focus_in_words(coordinates.blur));
         if let Some(drift) = &drift {
-            drift.widen(&mut coordinates);
+            match &steadied {
+                Some(steadied) => steadied.widen(&mut coordinates),
+                None => drift.widen(&mut coordinates),
+            }
             let told = code.pictures();
             let place = |it: usize| all_shown.iter().position(|shown| *shown == told[it]);
             let names = [drift.last, drift.first]
                 .map(|it| place(it).and_then(|it| found.picture_at(it)).map_or_else(|| told[it].to_string(), name));
-            faults.push(match drift.creeps {
-                true => crept_in_words(&names, drift.by.norm()),
-                false => moved_a_little_in_words(&names, drift.by.norm()),
+            faults.push(match &steadied {
+                Some(steadied) => crept_in_words(&names, steadied.by.norm(), steadied.sigma.norm()),
+                None => moved_a_little_in_words(&names, drift.by.norm()),
             });
         }
         let white = match code.place(Shown::White) {
@@ -571,6 +580,11 @@ fn coarser<'a>(code: &StripeCode, views: &[ImageView<'a>], without: [u32; 2]) ->
 fn of_set(set: &PatternPictures, fault: String) -> String {
     let prefix = format!("`{}/", set.name);
     if fault.contains(&prefix) { fault } else { format!("{}: {fault}", set.name) }
+}
+
+/// Views of pictures of one size.
+fn views_of<'a>(pictures: &'a [Cow<'_, [u8]>], [width, height]: [usize; 2]) -> Result<Vec<ImageView<'a>>, String> {
+    pictures.iter().map(|it| ImageView::new(it, width, height).map_err(|fault| fault.to_string())).collect()
 }
 
 /// By pixel the brightest of all pictures.

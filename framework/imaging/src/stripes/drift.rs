@@ -52,70 +52,52 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// Makes coordinates as vague as the move makes them: of the place before or the one after, whichever is asked for, they are anywhere from right to off by all of the move.
-    ///
-    /// Of what creeps, a coordinate is of one moment of the set and is asked for at another: evenly spread both, they are off by a sixth of the square of all of the way, where it is a third of a move that comes once.
+    /// Makes coordinates as vague as a move that came once makes them: of the place before or the one after, whichever is asked for, they are evenly spread from right to off by all of the move.
     pub fn widen(&self, coordinates: &mut Coordinates) {
-        let [width, height] = coordinates.size;
-        let by = if self.creeps { self.by / std::f64::consts::SQRT_2 } else { self.by };
-        for axis in Axis::BOTH.map(Axis::index) {
-            let values = &coordinates.values[axis];
-            if values.len() != width * height {
-                continue;
+        widen(coordinates, self.by / 3_f64.sqrt());
+    }
+}
+
+/// Makes coordinates as vague as places in the picture are that are known by a standard deviation of `by` along rows and columns, in common [px].
+pub(super) fn widen(coordinates: &mut Coordinates, by: Vector2<f64>) {
+    let [width, height] = coordinates.size;
+    for axis in Axis::BOTH.map(Axis::index) {
+        let values = &coordinates.values[axis];
+        if values.len() != width * height {
+            continue;
+        }
+        let along = |at: usize, place: usize, n: usize, by: usize| -> Option<f64> {
+            let other = |is_there: bool, at: usize| values.get(at).copied().filter(|it| is_there && it.is_finite());
+            let (ahead, behind) = (other(place + 1 < n, at + by), other(place > 0, at.wrapping_sub(by)));
+            match (ahead, behind) {
+                (Some(a), Some(b)) => Some(f64::from(a - b) / 2.0),
+                (Some(a), None) => Some(f64::from(a - values[at])),
+                (None, Some(b)) => Some(f64::from(values[at] - b)),
+                (None, None) => None,
             }
-            let along = |at: usize, place: usize, n: usize, by: usize| -> Option<f64> {
-                let other = |is_there: bool, at: usize| values.get(at).copied().filter(|it| is_there && it.is_finite());
-                let (ahead, behind) = (other(place + 1 < n, at + by), other(place > 0, at.wrapping_sub(by)));
-                match (ahead, behind) {
-                    (Some(a), Some(b)) => Some(f64::from(a - b) / 2.0),
-                    (Some(a), None) => Some(f64::from(a - values[at])),
-                    (None, Some(b)) => Some(f64::from(values[at] - b)),
-                    (None, None) => None,
-                }
-            };
-            let change = |at: usize| {
-                let slope = Vector2::new(along(at, at % width, width, 1)?, along(at, at / width, height, width)?);
-                Some(slope.dot(&by).abs()).filter(|it| it.is_finite())
-            };
-            let known: Vec<usize> = (0..values.len()).filter(|it| values[*it].is_finite()).collect();
-            let changes: Vec<Option<f64>> = known.iter().map(|at| change(*at)).collect();
-            let mut sorted: Vec<f64> = changes.iter().flatten().copied().collect();
-            sorted.sort_by(f64::total_cmp);
-            let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-            for (at, change) in known.into_iter().zip(changes) {
-                // Evenly spread over so long a way to either side.
-                let sigma = change.unwrap_or(usual) / 3_f64.sqrt();
-                let own = &mut coordinates.sigmas[axis][at];
-                *own = f64::from(*own).hypot(sigma) as f32;
-            }
+        };
+        let change = |at: usize| {
+            let slope = Vector2::new(along(at, at % width, width, 1)?, along(at, at / width, height, width)?);
+            Some(slope.dot(&by).abs()).filter(|it| it.is_finite())
+        };
+        let known: Vec<usize> = (0..values.len()).filter(|it| values[*it].is_finite()).collect();
+        let changes: Vec<Option<f64>> = known.iter().map(|at| change(*at)).collect();
+        let mut sorted: Vec<f64> = changes.iter().flatten().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        for (at, change) in known.into_iter().zip(changes) {
+            let sigma = change.unwrap_or(usual);
+            let own = &mut coordinates.sigmas[axis][at];
+            *own = f64::from(*own).hypot(sigma) as f32;
         }
     }
 }
 
 /// A small move, if there was one, in a set whose picture k is `pictures[k]`; a pixel is lit where white − black is at least `min_contrast`.
 pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> Option<Drift> {
-    let shown = code.pictures();
-    let picture = |what: Shown| shown.iter().position(|it| *it == what).filter(|it| *it < pictures.len());
-    let (white, black) = (pictures[picture(Shown::White)?].pixels(), pictures[picture(Shown::Black)?].pixels());
-    let mut pairs: Vec<[usize; 2]> = Vec::new();
-    let mut add = |a: Shown, b: Shown| pairs.extend(picture(a).zip(picture(b)).map(|(a, b)| [a.min(b), a.max(b)]));
-    for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
-        for plane in 0..code.bits[axis.index()] {
-            let bit = |inverse: bool| Shown::Bit { axis, plane, inverse };
-            if code.inverse != Inverse::None {
-                add(bit(false), bit(true));
-            }
-        }
-        for step in (0..code.steps / 2).filter(|_| code.steps.is_multiple_of(2)) {
-            add(Shown::Phase { axis, step }, Shown::Phase { axis, step: step + code.steps / 2 });
-        }
-    }
-    add(Shown::White, Shown::Black);
-    pairs.sort_unstable();
-    if pairs.len() < 2 * MIN_SUMS {
-        return None;
-    }
-    let mut samples = Samples::new(pictures, &pairs, [white, black], min_contrast)?;
+    let sums = Sums::of(code, pictures)?;
+    let Sums { pairs, lit } = &sums;
+    let mut samples = Samples::new(pictures, pairs, *lit, min_contrast)?;
     // Of most sets few pixels say that nothing moved; only where they do not, many are asked.
     samples.gather(FEW_SAMPLES);
     if samples.len() >= MIN_SAMPLES && is_surely_still(&samples.places()?) {
@@ -130,8 +112,8 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
         scatter <= KNOWN.max(by.norm() / 4.0) && by.norm() >= LEAST.max(SIGMAS * sigma)
     };
     let split = best_split(&places)?;
-    let ends = [pairs[0][0], pairs.iter().map(|it| it[1]).max()?];
-    let creep = Creep::of(&pairs, &places, ends);
+    let ends = sums.ends()?;
+    let creep = Creep::of(pairs, &places, ends);
     if let Some(Creep { by, .. }) =
         creep.filter(|it| is_told(&it.by, it.scatter, it.sigma) && it.scatter < STEADY * split.scatter)
     {
@@ -143,12 +125,60 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
     is_told(&split.by, split.scatter, split.sigma).then_some(Drift { last, first, creeps: false, by: split.by })
 }
 
+/// Pictures of a set that add up to the scene under full light.
+pub(super) struct Sums<'a> {
+    /// Places of two pictures each, in the order of the first ones.
+    pub pairs: Vec<[usize; 2]>,
+    /// White and black.
+    lit: [&'a [u8]; 2],
+}
+
+impl<'a> Sums<'a> {
+    /// `None` where there are too few, or white or black lacks.
+    pub fn of(code: &StripeCode, pictures: &[ImageView<'a>]) -> Option<Sums<'a>> {
+        let shown = code.pictures();
+        let picture = |what: Shown| shown.iter().position(|it| *it == what).filter(|it| *it < pictures.len());
+        let lit = [pictures[picture(Shown::White)?].pixels(), pictures[picture(Shown::Black)?].pixels()];
+        let mut pairs: Vec<[usize; 2]> = Vec::new();
+        let mut add = |a: Shown, b: Shown| pairs.extend(picture(a).zip(picture(b)).map(|(a, b)| [a.min(b), a.max(b)]));
+        for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
+            for plane in 0..code.bits[axis.index()] {
+                let bit = |inverse: bool| Shown::Bit { axis, plane, inverse };
+                if code.inverse != Inverse::None {
+                    add(bit(false), bit(true));
+                }
+            }
+            for step in (0..code.steps / 2).filter(|_| code.steps.is_multiple_of(2)) {
+                add(Shown::Phase { axis, step }, Shown::Phase { axis, step: step + code.steps / 2 });
+            }
+        }
+        add(Shown::White, Shown::Black);
+        pairs.sort_unstable();
+        (pairs.len() >= 2 * MIN_SUMS).then_some(Sums { pairs, lit })
+    }
+
+    /// The first and the last picture of all of them.
+    fn ends(&self) -> Option<[usize; 2]> {
+        Some([self.pairs.first()?[0], self.pairs.iter().map(|it| it[1]).max()?])
+    }
+
+    /// How all of the scene moves evenly from the first picture to the last.
+    pub fn creep(&self, pictures: &[ImageView<'_>], min_contrast: u8) -> Option<Creep> {
+        let mut samples = Samples::new(pictures, &self.pairs, self.lit, min_contrast)?;
+        samples.gather(SAMPLES);
+        if samples.len() < MIN_SAMPLES {
+            return None;
+        }
+        Creep::of(&self.pairs, &samples.places()?, self.ends()?)
+    }
+}
+
 /// Sums about a place that moves evenly from picture to picture.
-struct Creep {
+pub(super) struct Creep {
     /// From the first picture to the last [px].
-    by: Vector2<f64>,
+    pub by: Vector2<f64>,
     /// Of the sums about it, standard deviation [px].
-    scatter: f64,
+    pub scatter: f64,
     /// Of `by`, by that scatter [px].
     sigma: f64,
 }
@@ -362,8 +392,8 @@ mod tests {
         assert!(is_known.clone().all(|it| (coordinates.sigmas[0][it] - expected).abs() < 1e-4));
         assert_eq!(coordinates.sigmas[0][45], 0.1);
         coordinates.sigmas[0].fill(0.1);
-        Drift { last: 0, first: 20, creeps: true, by: Vector2::new(0.3, 0.0) }.widen(&mut coordinates);
-        assert!((coordinates.sigmas[0][0] - 0.1_f32.hypot(0.6 / 6_f32.sqrt())).abs() < 1e-4);
+        widen(&mut coordinates, Vector2::new(0.05, 0.2));
+        assert!((coordinates.sigmas[0][0] - 0.1_f32.hypot(0.2)).abs() < 1e-4);
     }
 
     #[test]

@@ -9,6 +9,7 @@
 //! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
 //! | [`boundary`] | stripe boundary codes, for what moves: four pictures again and again, boundaries tracked from picture to picture |
 //! | [`drift`] | a camera that moved by less than a pixel during a set |
+//! | [`steady`] | a set whose camera crept, as if it had stood |
 //! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
 //! | [`faults`] | how that is said |
 //! | [`finest`] | stripes that are finer than the camera resolves |
@@ -41,6 +42,7 @@ pub mod phase;
 pub mod response;
 #[cfg(test)]
 mod scene;
+pub mod steady;
 mod stretches;
 mod wave_steps;
 

@@ -70,10 +70,10 @@ pub(super) fn moved_a_little_in_words([last, first]: &[String; 2], px: f64) -> S
     )
 }
 
-/// What is said of a scene that creeps by `px` from the first of two pictures to the second.
-pub(super) fn crept_in_words([first, last]: &[String; 2], px: f64) -> String {
+/// What is said of a scene that creeps by `px` from the first of two pictures to the second, which is taken off but for a standard deviation of `sigma` px.
+pub(super) fn crept_in_words([first, last]: &[String; 2], px: f64, sigma: f64) -> String {
     format!(
-        "from {first} to {last} the scene crept by {px:.2} px in the picture: the camera, or what it sees, moved all the time. Coordinates are as vague as that makes them: what stands still is known better"
+        "from {first} to {last} the scene crept by {px:.2} px in the picture: the camera, or what it sees, moved all the time. That is taken off, to {sigma:.2} px: places are those of {first}. What stands still is known better"
     )
 }
 
