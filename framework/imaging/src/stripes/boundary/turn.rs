@@ -136,6 +136,23 @@ mod tests {
     }
 
     #[test]
+    fn most_of_what_is_known_holds_where_things_move_fast() {
+        for (seed, speed, nearer) in [(21, 6.0, 0.0), (22, -8.0, 0.0), (23, 4.0, 1.0), (24, -6.0, -0.8)] {
+            let scene = Scene::new(speed, nearer, seed);
+            let mut turns = Turns::new(Tracker::new(scene.size[1], TrackOptions::default()).unwrap());
+            for picture in 0..16 {
+                let pixels = scene.picture(picture, picture % FRAMES);
+                let view = ImageView::new(&pixels, scene.size[0], scene.size[1]).unwrap();
+                turns.predict(1, &|_, _| [0.0; 2]);
+                turns.update(&detect(&view, &DetectOptions::default()).unwrap(), picture % FRAMES);
+                let shares = turns.held().map(|it| it.share());
+                assert!(picture < 6 || shares[0] > 0.6, "seed {seed}, picture {picture}: {shares:?}");
+                assert!(picture < 6 || shares[1..].iter().all(|it| *it < 0.45), "seed {seed}, {picture}: {shares:?}");
+            }
+        }
+    }
+
+    #[test]
     fn pictures_in_another_order_or_of_no_code_are_none_of_the_four() {
         for seed in 15..18 {
             let scene = Scene::new(1.0, 0.0, seed);
