@@ -5,7 +5,7 @@
 //! | legs | thighs go to the front, by up to 120°, rather than to the back, by up to 30°; knees bend so that the feet go back. Of both legs the mean: of a stride nothing is left |
 //! | feet | stick out to the front of the shins |
 //! | hands | are at work before the trunk: shoulders reach back by 60° only |
-//! | head | is held before the shoulders |
+//! | head | is held before the shoulders, of an upright trunk |
 //! | elbows | of arms that hang bend so that the hands go to the front |
 //! | walking | goes ahead, nearly always |
 //!
@@ -107,7 +107,8 @@ fn evidence(filter: &BodyFilter, field: &VoxelField) -> [f64; N_WITNESSES] {
         }
     }
     let neck = body.place(Part::Torso, &Vector3::new(0.0, 0.0, SHOULDER_UP));
-    let head = (body.centre(Part::Head) - neck).dot(&front);
+    // Who stoops looks ahead, with the head behind the line of the trunk: from 37° on it says nothing, up to 18° all.
+    let head = (body.centre(Part::Head) - neck).dot(&front) * ((up.z - 0.8) / 0.15).clamp(0.0, 1.0);
     // Across the floor, along the axis that is the front.
     let walks = if up.z.abs() > 0.8 { dead(filter.velocity.dot(&front), 0.25) } else { 0.0 };
     [
