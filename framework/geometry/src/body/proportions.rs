@@ -16,9 +16,7 @@ pub struct Proportions {
     pub stature_spread: f64,
     /// Of one length beside the rest, both sides together, as a share [–].
     pub length_spread: f64,
-    /// Of all radii of a body together, as a share [–]: who is stout is so all over, and a hull of few views is too thick everywhere.
-    pub girth_spread: f64,
-    /// Of one radius beside the rest, as a share [–].
+    /// Of one radius beside the rest, as a share [–]: clothes and hulls of few views count here.
     pub radius_spread: f64,
     /// Of one side beside the other, as a share [–].
     pub side_spread: f64,
@@ -27,14 +25,7 @@ pub struct Proportions {
 impl Default for Proportions {
     /// Adults: 1.70 m ± 8 % are men and women together; lengths differ by 6 % from what the stature says (Winter), sides by 2 %.
     fn default() -> Self {
-        Self {
-            stature: 1.70,
-            stature_spread: 0.08,
-            length_spread: 0.06,
-            girth_spread: 0.1,
-            radius_spread: 0.15,
-            side_spread: 0.02,
-        }
+        Self { stature: 1.70, stature_spread: 0.08, length_spread: 0.06, radius_spread: 0.15, side_spread: 0.02 }
     }
 }
 
@@ -77,9 +68,6 @@ impl Proportions {
         DMatrix::from_fn(n, n, |i, j| {
             let ((part, axis, a), (other, other_axis, b)) = (at(i), at(j));
             let mut shared = self.stature_spread.powi(2);
-            if !is_length(part, axis) && !is_length(other, other_axis) {
-                shared += self.girth_spread.powi(2);
-            }
             let alike = part == other || part == other.mirrored();
             let spread = if is_length(part, axis) { self.length_spread } else { self.radius_spread };
             // Limbs and heads are round: their radii are nearly one number.
