@@ -79,6 +79,16 @@ pub enum AcquisitionFailure {
         /// Threshold [–].
         expected: f64,
     },
+    /// What looks like a torso below a head hangs upwards.
+    #[error(
+        "no torso: the one at the head points the wrong way, cosine {found:.2} to the vertical, {expected:.2} or more is needed"
+    )]
+    Hanging {
+        /// Largest cosine [–].
+        found: f64,
+        /// Threshold [–].
+        expected: f64,
+    },
     /// Too much is left over.
     #[error("head and torso explain too little: {found:.2} of the skin belongs to no part, {expected:.2} is the most")]
     Rest {

@@ -202,8 +202,12 @@ impl BodyTracker {
         let heights = field.voxels().iter().map(|&it| field.centre(it).z);
         let [lowest, highest] = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], it| [a.min(it), b.max(it)]);
         let filled = trunks.iter().map(|it| it.filled).fold(0.0, f64::max);
-        trunks.retain(|it| it.filled >= wanted.torso_filled && it.up.z >= wanted.least_up);
-        let mut failure = AcquisitionFailure::Torso { found: filled, expected: wanted.torso_filled };
+        trunks.retain(|it| it.filled >= wanted.torso_filled);
+        let mut failure = match trunks.iter().map(|it| it.up.z).reduce(f64::max) {
+            Some(found) => AcquisitionFailure::Hanging { found, expected: wanted.least_up },
+            None => AcquisitionFailure::Torso { found: filled, expected: wanted.torso_filled },
+        };
+        trunks.retain(|it| it.up.z >= wanted.least_up);
         let mut found: Option<(f64, BodyTracker)> = None;
         for trunk in &trunks {
             match Self::begin(field, options, trunk) {
