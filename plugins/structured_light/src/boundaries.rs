@@ -257,7 +257,13 @@ impl Node for Boundaries {
             report.remark(format!(
                 "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
             ));
-        } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 {
+        } else if self.recorded.is_some() && self.frames == 0 && (1..=FRAMES as u64).contains(&self.empty) {
+            report.remark(format!(
+                "{name}: found {} pictures in the recording, expected {} at least: before that it is open which of the four patterns the first one shows",
+                self.empty,
+                FRAMES + 1
+            ));
+        } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 && self.unknown_period == 0 {
             report.remark(format!(
                 "{name}: no picture of the recording gave a map: whichever of the four patterns the first one shows, too few boundaries follow one another. Do pictures show the four patterns in turn, in the order of `foveate patterns`, and do their stripes go as `stripes` says?"
             ));

@@ -19,11 +19,16 @@ pub(super) struct Recorded {
 impl Recorded {
     /// As the settings say, for a projector of so many columns and rows.
     pub(super) fn new(settings: &BoundariesSettings, projector: [u32; 2]) -> Result<Recorded, ConfigError> {
+        // Whatever it is taken to be, the codes fit: a wrong width makes a surface at another distance.
+        let stripe_px = settings.stripe_px.ok_or_else(|| {
+            let message = "found none, and nothing connected to `shown`, expected the width of the recording's stripes in pixels of the projector, which its pictures do not tell";
+            ConfigError::at("stripe_px", message)
+        })?;
         let pattern = PatternSettings {
             projector_px: projector,
             code: Code::Boundary,
             order: settings.stripes.clone(),
-            stripe_px: settings.stripe_px,
+            stripe_px,
             ..PatternSettings::default()
         };
         pattern.stripe_code(None)?;

@@ -5,17 +5,15 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::pattern::PatternSettings;
-
 /// Settings of [`super::Boundaries`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoundariesSettings {
     /// The projector's name in the calibration [–]
     pub projector: String,
-    /// Width of a stripe of a recording, which is read where nothing is connected to `shown`: its pictures show the four patterns one after the other [px]
+    /// Width of a stripe of a recording, which is read where nothing is connected to `shown`, and has to say it: its pictures show the four patterns one after the other [px]
     #[schemars(range(min = 2, max = 1024))]
-    pub stripe_px: u32,
+    pub stripe_px: Option<u32>,
     /// What the stripes of a recording tell: `columns` or `rows` of the projector [–]
     pub stripes: String,
     /// Which of the four patterns the first picture of a recording shows: found from the pictures unless set, and held against them if it is [–]
@@ -59,7 +57,7 @@ impl Default for BoundariesSettings {
     fn default() -> Self {
         Self {
             projector: crate::pattern::default_projector(),
-            stripe_px: PatternSettings::default().stripe_px,
+            stripe_px: None,
             stripes: "columns".to_owned(),
             first_shows: None,
             latency_ms: 30.0,
@@ -81,7 +79,9 @@ impl Default for BoundariesSettings {
 impl BoundariesSettings {
     /// Whether all of them are what they may be.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
-        ConfigError::unless_in("stripe_px", self.stripe_px, 2..=1024)?;
+        if let Some(it) = self.stripe_px {
+            ConfigError::unless_in("stripe_px", it, 2..=1024)?;
+        }
         if !["columns", "rows"].contains(&self.stripes.as_str()) {
             let message = format!("found `{}`, expected `columns` or `rows`", self.stripes);
             return Err(ConfigError::at("stripes", message));

@@ -266,7 +266,7 @@ fn a_projector_that_shows_all_pictures_too_late_is_told_and_its_pictures_taken_f
 /// What comes of a recording whose first picture shows pattern 2, from its picture `from` on; picture `lost` of it does not get there, unnoticed.
 fn read(first_shows: Option<u32>, from: usize, lost: Option<usize>) -> (Vec<(Time, Arc<ProjectorMap>)>, Report) {
     let code = StripeCode::boundary([1024, 768], STRIPE, &[Group::Stripes(Axis::Columns)]);
-    let settings = BoundariesSettings { stripe_px: STRIPE, first_shows, ..near() };
+    let settings = BoundariesSettings { stripe_px: Some(STRIPE), first_shows, ..near() };
     let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image"])).unwrap();
     for number in (from..18).filter(|it| Some(*it) != lost) {
         bench.feed(&IMAGE, time(number), seen(number, (number + 2) % 4, 1.0, &code)).unwrap();
@@ -308,7 +308,7 @@ fn a_wrong_first_picture_of_a_recording_is_refused_with_the_right_one() {
 #[test]
 fn a_recording_whose_pictures_run_backwards_gives_nothing() {
     let code = StripeCode::boundary([1024, 768], STRIPE, &[Group::Stripes(Axis::Columns)]);
-    let settings = BoundariesSettings { stripe_px: STRIPE, ..near() };
+    let settings = BoundariesSettings { stripe_px: Some(STRIPE), ..near() };
     let mut bench = NodeBench::<Boundaries>::with_setup(settings, &setup(&["image"])).unwrap();
     for number in 0..16 {
         bench.feed(&IMAGE, time(number), seen(number, (32 - number) % 4, 1.0, &code)).unwrap();
@@ -325,8 +325,9 @@ fn settings_out_of_range_are_refused() {
     assert_eq!(refused(BoundariesSettings { beside_px: 0.0, ..near() }).as_deref(), Some("beside_px"));
     assert_eq!(refused(BoundariesSettings { threads: 0, ..near() }).as_deref(), Some("threads"));
     assert_eq!(refused(BoundariesSettings { first_shows: Some(4), ..near() }).as_deref(), Some("first_shows"));
-    assert_eq!(refused(BoundariesSettings { stripe_px: 1, ..near() }).as_deref(), Some("stripe_px"));
+    assert_eq!(refused(BoundariesSettings { stripe_px: Some(1), ..near() }).as_deref(), Some("stripe_px"));
     assert_eq!(refused(BoundariesSettings { stripes: "both".into(), ..near() }).as_deref(), Some("stripes"));
+    assert_eq!(refused(near()).as_deref(), Some("stripe_px"), "a recording, whose width nobody says");
 }
 
 #[test]

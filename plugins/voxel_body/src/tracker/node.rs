@@ -29,7 +29,7 @@ ports! {
 figures! {
     "voxel_body.bodies": count, neither, "Bodies followed, mean over all messages of voxels";
     "voxel_body.found": count, neither, "Times that a body was found";
-    "voxel_body.lost": count, low, "Times that a body was lost: voxels did not support its head or torso for lost_s";
+    "voxel_body.lost": count, low, "Times that a body was lost: voxels did not support its head or torso for lost_ms";
     "voxel_body.unmodelled": count, low, "Voxels as large as a body that none was made of, over all messages";
     "voxel_body.measured": share, high, "Joints that voxels showed at that time, over fourteen for each body and message";
     "voxel_body.limbs": count, high, "Limbs in the model of a body, mean over bodies and messages";
