@@ -253,27 +253,7 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.a_frame.{name}"), self.found as f64 / self.frames as f64);
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
-        if let Some((stated, found)) = self.wrong_first {
-            report.remark(format!(
-                "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
-            ));
-        } else if self.recorded.is_some() && self.frames == 0 && (1..=FRAMES as u64).contains(&self.empty) {
-            report.remark(format!(
-                "{name}: found {} pictures in the recording, expected {} at least: before that it is open which of the four patterns the first one shows",
-                self.empty,
-                FRAMES + 1
-            ));
-        } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 && self.unknown_period == 0 {
-            report.remark(format!(
-                "{name}: no picture of the recording gave a map: whichever of the four patterns the first one shows, too few boundaries follow one another. Do pictures show the four patterns in turn, in the order of `foveate patterns`, and do their stripes go as `stripes` says?"
-            ));
-        }
-        if self.lit_from.is_none() && self.unlit > 0 {
-            report.remark(format!(
-                "{name}: found {} pictures and no pattern, expected a projector that says what it shows: does it run?",
-                self.unlit
-            ));
-        }
+        self.remark_on_start(report);
         for (first, n) in self.faults.values() {
             report.remark(if *n > 1 { format!("{first}; {n} times in all") } else { first.clone() });
         }

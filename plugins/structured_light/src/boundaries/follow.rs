@@ -143,4 +143,30 @@ impl Boundaries {
         }
         self.wrong_first.is_none()
     }
+
+    /// Says why nothing came of the pictures, where it is not certain which of the patterns the first one shows.
+    pub(super) fn remark_on_start(&self, report: &mut Report) {
+        let name = &self.camera_name;
+        if let Some((stated, found)) = self.wrong_first {
+            report.remark(format!(
+                "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
+            ));
+        } else if self.recorded.is_some() && self.frames == 0 && (1..=FRAMES as u64).contains(&self.empty) {
+            report.remark(format!(
+                "{name}: found {} pictures in the recording, expected {} at least: before that it is open which of the four patterns the first one shows",
+                self.empty,
+                FRAMES + 1
+            ));
+        } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 && self.unknown_period == 0 {
+            report.remark(format!(
+                "{name}: no picture of the recording gave a map: whichever of the four patterns the first one shows, too few boundaries follow one another. Do pictures show the four patterns in turn, in the order of `foveate patterns`, and do their stripes go as `stripes` says?"
+            ));
+        }
+        if self.lit_from.is_none() && self.unlit > 0 {
+            report.remark(format!(
+                "{name}: found {} pictures and no pattern, expected a projector that says what it shows: does it run?",
+                self.unlit
+            ));
+        }
+    }
 }
