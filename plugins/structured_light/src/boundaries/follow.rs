@@ -151,10 +151,11 @@ impl Boundaries {
             report.remark(format!(
                 "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
             ));
-        } else if self.recorded.is_some() && self.frames == 0 && (1..=FRAMES as u64).contains(&self.empty) {
+        } else if self.recorded.is_some() && self.frames == 0 && (1..FRAMES as u64).contains(&self.empty) {
             report.remark(format!(
                 "{name}: found {} pictures in the recording, expected {} at least: before that it is open which of the four patterns the first one shows",
-                self.empty,
+                // Each is judged when the next one is there.
+                self.empty + 1,
                 FRAMES + 1
             ));
         } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 && self.unknown_period == 0 {
