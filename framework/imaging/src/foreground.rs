@@ -169,6 +169,17 @@ impl Foreground {
         Ok(())
     }
 
+    /// Adds to each pixel's variance what a background that lies `jitter_px` beside where it should makes of its slope there, one standard deviation.
+    pub fn allow_jitter(&mut self, jitter_px: f32) {
+        let (width, height) = (self.width, self.height);
+        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+            let at = |x: usize, y: usize| self.mean[y * width + x];
+            let across = at((x + 1).min(width - 1), y) - at(x.saturating_sub(1), y);
+            let down = at(x, (y + 1).min(height - 1)) - at(x, y.saturating_sub(1));
+            self.variance[y * width + x] += (0.5 * jitter_px).powi(2) * (across * across + down * down);
+        }
+    }
+
     /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
     pub fn end_learning(&mut self) -> bool {
         if self.learning.as_mut().is_some_and(Learning::end)

@@ -1,9 +1,10 @@
 //! What detectors of pictures have in common, however they look: which camera they serve, where targets are expected, gaps and counts.
 
 use std::fmt::Display;
+use std::sync::Arc;
 
 use foveate_geometry::Camera;
-use foveate_messages::{CameraId, Features, Image, Stamp, Targets};
+use foveate_messages::{CameraId, Features, Image, Stamp, Stamped, Targets};
 use nalgebra::Point2;
 
 use crate::io::Io;
@@ -75,6 +76,24 @@ impl DetectorShell {
         ) -> Result<Outcome, E>,
     ) -> Option<Stamp> {
         let image = io.take(ports.image)?;
+        self.search(io, ports, &image, flooded, find);
+        Some(image.stamp)
+    }
+
+    /// As [`Self::process`], for a picture that was taken before.
+    pub fn search<E: Display>(
+        &mut self,
+        io: &mut Io<'_>,
+        ports: &DetectorPorts,
+        image: &Stamped<Arc<Image>>,
+        flooded: &str,
+        find: impl FnOnce(
+            &Image,
+            &mut dyn Iterator<Item = Point2<f64>>,
+            Option<&Camera>,
+            &mut Features,
+        ) -> Result<Outcome, E>,
+    ) {
         let mut features = self.pool.take(Features::default);
         features.camera = self.camera.unwrap_or(image.value.camera);
         let expected = io.latest(ports.predicted);
@@ -99,7 +118,6 @@ impl DetectorShell {
                 io.gap(ports.features, image.time(), refusal);
             }
         }
-        Some(image.stamp)
     }
 
     /// Reports what became of the pictures, and how many features were found.

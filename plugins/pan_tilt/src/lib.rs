@@ -24,6 +24,7 @@ pub mod calibrator;
 pub mod control;
 pub mod driver;
 pub mod head;
+mod patrol;
 pub mod port;
 pub mod pose;
 pub mod selector;

@@ -1,10 +1,12 @@
 //! `pan_tilt.selector`: keeps a head on a target.
 
+use foveate::geometry::pan_tilt::Setting;
 use foveate::messages::ScaleId;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 
 use crate::control::{ControlSettings, HeadController, Lead};
+use crate::patrol::Patrol;
 use crate::target_anchor::TargetAnchor;
 
 ports! {
@@ -38,6 +40,10 @@ pub struct Selector {
     following: Option<TargetId>,
     next_event: u64,
     counts: Counts,
+    patrol: Patrol,
+    /// When a target was there last, and after how long without one it is lost.
+    seen: Option<Time>,
+    lost: Interval,
 }
 
 #[derive(Default)]
@@ -77,7 +83,22 @@ impl Node for Selector {
             );
             return Err(ConfigError::at("fill", message));
         }
+        let limits = head.model.limits;
+        let is_beyond = |it: &&[f64; 2]| !limits.contain(&Setting::new(it[0].to_radians(), it[1].to_radians()));
+        if let Some([pan, tilt]) = settings.patrol_deg.iter().find(is_beyond) {
+            let degrees = |it: [f64; 2]| it.map(f64::to_degrees);
+            let message = format!(
+                "found pan {pan}, tilt {tilt}, expected what the head of {} can reach: pan {:.0?}, tilt {:.0?}",
+                setup.camera_name().unwrap_or_default(),
+                degrees(limits.pan),
+                degrees(limits.tilt)
+            );
+            return Err(ConfigError::at("patrol_deg", message));
+        }
         Ok(Self {
+            patrol: Patrol::new(&settings),
+            seen: None,
+            lost: Interval::from_ms(settings.lost_ms),
             camera,
             name: setup.camera_name().unwrap_or_default().to_owned(),
             radius,
@@ -103,7 +124,12 @@ impl Node for Selector {
             (None, Some(fixed)) => Some(fixed),
             (None, None) => anchored,
         };
-        let Some(target) = targets.value.list.iter().find(|it| Some(it.id) == chosen) else { return Ok(()) };
+        let Some(target) = targets.value.list.iter().find(|it| Some(it.id) == chosen) else {
+            self.go_on_patrol(io, targets.value.time);
+            return Ok(());
+        };
+        self.patrol.leave();
+        self.seen = Some(io.now());
         let in_world;
         let target = match self.in_world(io, &targets.value, target) {
             None => target,
@@ -161,6 +187,23 @@ impl Node for Selector {
 }
 
 impl Selector {
+    /// Without a target, and some time after the last one was there.
+    fn go_on_patrol(&mut self, io: &mut Io<'_>, time: Time) {
+        let now = io.now();
+        if self.seen.is_some_and(|it| now - it <= self.lost) {
+            return;
+        }
+        let angles = io.latest(&HEAD).and_then(|report| {
+            report.value.events.iter().rev().find_map(|(_, event)| match event {
+                HeadEvent::Position(position) => Some(position.angles),
+                _ => None,
+            })
+        });
+        if let Some(order) = self.patrol.step(now, angles) {
+            io.emit_at(&COMMANDS, time, HeadCommand { camera: self.camera, order, zoom: None });
+        }
+    }
+
     /// The target in the world; `None` where it is so already, `Some(None)` while it is not known where its scale is.
     fn in_world(&mut self, io: &Io<'_>, targets: &Targets, target: &Target) -> Option<Option<Target>> {
         let (spaces, parent) = self.spaces.as_mut()?;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use foveate::geometry::pan_tilt::Setting;
 use foveate::geometry::voxels::DoubtOptions;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
@@ -319,10 +320,12 @@ impl Carver {
     ) -> Option<View<'a>> {
         let mut camera = self.setup.calibration.cameras.get(usize::from(silhouette.camera.0))?.camera.clone();
         let mut is_placed = true;
-        if self.setup.head_of(silhouette.camera).is_some() {
+        if let Some(head) = self.setup.head_of(silhouette.camera) {
             let pose = self.poses.iter().rev().find(|it| it.camera == silhouette.camera && it.time == time);
             is_placed = pose.is_some();
             if let Some(pose) = pose {
+                let [pan, tilt] = pose.angles;
+                camera = head.model.camera_at(&Setting { pan, tilt, zoom: pose.zoom });
                 camera.camera_from_world = pose.camera_from_world;
             }
         }

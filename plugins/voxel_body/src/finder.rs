@@ -7,6 +7,7 @@ use foveate::messages::{Feature, Features, Image, PixelFormat, Silhouette, Silho
 use foveate::node::detector::{Outcome, PictureSize};
 use nalgebra::{Point2, Vector2};
 
+use crate::panorama::Behind;
 use crate::rim::trim;
 use crate::settings::SilhouetteSettings;
 
@@ -30,6 +31,8 @@ struct Learnt {
     size: [u32; 2],
     part: Window,
     splitter: Splitter,
+    /// By the settings.
+    masked: Vec<bool>,
 }
 
 enum Splitter {
@@ -114,6 +117,34 @@ impl SilhouetteFinder {
             Some(Splitter::Gray(foreground)) if !foreground.has_learnt() => _ = foreground.end_learning(),
             _ => {}
         }
+    }
+
+    /// What is behind the next picture, that of a camera which has turned; masked where that is not known. `noise` is the standard deviation of a pixel [gray level].
+    ///
+    /// # Errors
+    /// As [`Self::find`].
+    pub(crate) fn set_behind(&mut self, image: &Image, behind: &Behind<'_>, noise: f32) -> Result<(), Refusal> {
+        let (noise_floor, jitter_px) = (self.settings.noise_floor.max(noise), behind.jitter_px as f32);
+        let jitter_px = jitter_px.max(self.settings.jitter_px).min(10.0);
+        let learnt = self.fit(image)?;
+        let masked: Vec<bool> = behind.covered.iter().zip(&learnt.masked).map(|(known, it)| !known || *it).collect();
+        match &mut learnt.splitter {
+            Splitter::Colour(segmenter) => {
+                segmenter.set_tolerance(noise_floor, jitter_px)?;
+                segmenter.set_mask(&masked)?;
+                segmenter.set_background(behind.pixels)?;
+            }
+            Splitter::Gray(foreground) => {
+                foreground.set_mask(&masked)?;
+                foreground.set_background(&ImageView::new(
+                    behind.pixels,
+                    image.width as usize,
+                    image.height as usize,
+                )?)?;
+                foreground.allow_jitter(jitter_px);
+            }
+        }
+        Ok(())
     }
 
     /// Fills `silhouette`, and `features` with its blobs in scan order. `predicted` are pixels where targets are expected: a blob there is not absorbed.
@@ -261,7 +292,7 @@ impl SilhouetteFinder {
                 Splitter::Gray(Box::new(foreground))
             }
         };
-        Ok(Learnt { size, part, splitter })
+        Ok(Learnt { size, part, splitter, masked })
     }
 }
 

@@ -11,6 +11,8 @@ pub mod carver;
 pub mod finder;
 pub mod hull;
 pub mod masks;
+mod on_head;
+mod panorama;
 mod rim;
 mod settings;
 pub mod silhouette;

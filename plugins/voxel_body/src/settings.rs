@@ -67,6 +67,9 @@ pub struct SilhouetteSettings {
     /// How far a blob's middle may be from the one that other cameras see of the same body, one standard deviation, in standard deviations of its pixels along each axis [–]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub shape_error: f64,
+    /// With `pose`: how far the background is, roughly. It moves against what is nearer and farther when the head turns; views a few degrees apart are kept, so that twice or half of it does little [m]
+    #[schemars(range(min = 0.1, max = 100000.0))]
+    pub background_m: f64,
     /// Regions in which nothing is looked for, such as windows: a list of polygons, each a list of corners (x, y) [px]
     pub masks: Vec<Vec<[f64; 2]>>,
 }
@@ -95,6 +98,7 @@ impl Default for SilhouetteSettings {
             merge_px: 4,
             max_features: 64,
             shape_error: 0.1,
+            background_m: 4.0,
             masks: Vec::new(),
         }
     }
@@ -123,12 +127,30 @@ impl SilhouetteSettings {
         ConfigError::unless_in("merge_px", self.merge_px, 0..=10_000)?;
         ConfigError::unless_in("max_features", self.max_features, 1..=10_000)?;
         ConfigError::unless_in("shape_error", self.shape_error, 0.0..=10.0)?;
+        ConfigError::unless_in("background_m", self.background_m, 0.1..=1e5)?;
         for (place, polygon) in self.masks.iter().enumerate() {
             let is_one = polygon.len() >= 3 && polygon.iter().flatten().all(|it| it.is_finite());
             if !is_one {
                 let text = format_args!("found {polygon:?}, expected at least 3 corners of finite numbers");
                 return Err(ConfigError::at(&format!("masks[{place}]"), text));
             }
+        }
+        Ok(())
+    }
+
+    /// What a camera that turns has no use for.
+    pub(crate) fn check_on_head(&self) -> Result<(), ConfigError> {
+        if !self.background.is_empty() {
+            let text = format!(
+                "found `{}`, expected none: one picture is no background of a camera that turns; it learns from pictures with poses",
+                self.background
+            );
+            return Err(ConfigError::at("background", text));
+        }
+        if self.absorb_frames > 0 {
+            let text =
+                format!("found {}, expected 0: of a camera that turns no pixel stays where it is", self.absorb_frames);
+            return Err(ConfigError::at("absorb_frames", text));
         }
         Ok(())
     }

@@ -1,17 +1,24 @@
 //! `voxel_body.silhouette`: which pixels of one camera's pictures show a body, without its shadow.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use foveate::node::detector::{DetectorPorts, DetectorShell};
 use foveate::prelude::*;
 
-use crate::finder::SilhouetteFinder;
+use crate::finder::{Refusal, SilhouetteFinder};
+use crate::on_head::{From, OnHead, Turn};
+use crate::panorama::known_part;
 use crate::settings::SilhouetteSettings;
 
 ports! {
     IMAGE: In<Image> = each("image");
     BACKGROUND: In<Image> = each("background").optional();
     PREDICTED: In<Targets> = latest("predicted").optional();
+    POSE: In<HeadPose> = each("pose").optional();
     FEATURES: Out<Features> = "features";
     SILHOUETTE: Out<Silhouette> = "silhouette";
+    ALIGNED: Out<HeadPose> = "aligned";
 }
 
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
@@ -28,6 +35,10 @@ figures! {
     "silhouette.moved.*": count, low, "Silhouettes of a camera that was moved since the background was learnt";
     "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
     "silhouette.relit.*": count, neither, "Pictures of the camera whose light differs from the learnt one by more than a tenth";
+    "silhouette.views.*": count, neither, "Views of the background that are kept of a camera on a head";
+    "silhouette.without_pose.*": count, low, "Pictures of a camera on a head of which it is not known where it stood";
+    "silhouette.unknown.*": count, low, "Pictures of a camera on a head before a background of which less than half is known";
+    "silhouette.aligned.*": share, high, "Pictures of a camera on a head that told by themselves how far the head's pose was off; the others go by the pose";
     "silhouette.background_refused.*": count, low, "Pictures of the empty scene that could not be learnt from";
 }
 
@@ -35,8 +46,14 @@ figures! {
 ///
 /// The background is learnt from the pictures at `background` (a film of the empty scene, which ends before the person's begins), from a picture that the settings name, or from the camera's own first
 /// pictures. A silhouette comes for every picture that can be read; what it is worth stands in its status.
+///
+/// With `pose` the camera is one on a head: each picture waits for the pose of its time, and the background is a panorama of views ([`OnHead`]). A silhouette is then of the part of the picture behind which
+/// it is known what stands; where that is less than half, its status is `learning`. At `aligned` the poses come out again, better by what the pictures' backgrounds say of them.
 pub struct SilhouetteNode {
     finder: SilhouetteFinder,
+    on_head: Option<OnHead>,
+    learn_frames: u32,
+    adapt_frames: f32,
     shell: DetectorShell,
     pool: Pool<Silhouette>,
     camera: Option<CameraId>,
@@ -52,6 +69,9 @@ struct Tally {
     body_share: f64,
     relit: u64,
     background_refused: u64,
+    without_pose: u64,
+    unknown: u64,
+    aligned: u64,
     first_refusal: Option<String>,
     /// Pictures that are dark all over, and the brightest level in any of them.
     dark: u64,
@@ -74,12 +94,28 @@ impl Node for SilhouetteNode {
         settings.check()?;
         let size = setup.camera_model().map(|it| it.image_size);
         let is_taught = setup.is_connected(&BACKGROUND);
+        let on_head = if setup.is_connected(&POSE) {
+            let (Some(head), Some(_)) = (setup.head_model(), size) else {
+                let name = setup.camera_name().unwrap_or_default();
+                let message = format!(
+                    "found a pose for `{name}`, which the calibration does not know as a camera on a head, expected `[head.{name}]` there, or nothing at `pose`"
+                );
+                return Err(ConfigError::node(message));
+            };
+            settings.check_on_head()?;
+            Some(OnHead::new(head, settings.background_m))
+        } else {
+            None
+        };
         let background = match settings.background.as_str() {
             "" => None,
             _ if is_taught => None,
             text => Some(read_background(&setup.path("background", text)?, size)?),
         };
         Ok(Self {
+            on_head,
+            learn_frames: settings.learn_frames,
+            adapt_frames: settings.adapt_frames,
             finder: SilhouetteFinder::new(settings, size, background),
             shell: DetectorShell::new(setup),
             pool: Pool::default(),
@@ -91,44 +127,32 @@ impl Node for SilhouetteNode {
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        if let Some(empty) = io.take(&BACKGROUND) {
-            if let Err(refusal) = self.finder.teach(&empty.value) {
-                self.tally.background_refused += 1;
-                self.tally.first_refusal.get_or_insert_with(|| refusal.to_string());
+        let (empty, image) = (io.take(&BACKGROUND), io.take(&IMAGE));
+        if let Some(on_head) = &mut self.on_head {
+            if let Some(pose) = io.take(&POSE) {
+                on_head.pose(pose.value);
+            }
+            for (image, is_empty) in [(empty, true), (image, false)] {
+                if let Some(image) = image {
+                    on_head.hold(image, is_empty);
+                }
+            }
+            while let Some(turn) = self.on_head.as_mut().and_then(OnHead::next) {
+                self.turned(io, turn);
             }
             return Ok(());
         }
-        let Self { finder, shell, pool, tally, .. } = self;
-        if self.is_taught {
-            finder.end_teaching();
+        if let Some(empty) = empty
+            && let Err(refusal) = self.finder.teach(&empty.value)
+        {
+            self.refuse_background(&refusal);
         }
-        let mut silhouette = pool.take(Silhouette::default);
-        let mut refused = None;
-        let unusable = "too much of the picture differs from the learnt background, or the camera was moved";
-        let stamp = shell.process(io, &PORTS, unusable, |image, predicted, _, features| {
-            if image.pixels.iter().all(|it| *it < DARK) {
-                tally.dark += 1;
-                tally.brightest_dark = image.pixels.iter().copied().fold(tally.brightest_dark, u8::max);
+        if let Some(image) = image {
+            if self.is_taught {
+                self.finder.end_teaching();
             }
-            let found = finder.find(image, predicted, &mut silhouette, features);
-            refused = found.as_ref().err().map(ToString::to_string);
-            found
-        });
-        let Some(stamp) = stamp else { return Ok(()) };
-        if let Some(refusal) = refused {
-            io.gap(&SILHOUETTE, stamp.time, refusal);
-            return Ok(());
+            self.find(io, &image, |_, _| ());
         }
-        silhouette.camera = self.camera.unwrap_or(silhouette.camera);
-        let status = silhouette.status;
-        tally.by_status[status as usize] += 1;
-        let n_pixels = silhouette.confidence.len().max(1) as f64;
-        if status == SilhouetteStatus::Seen {
-            tally.body_share += f64::from(silhouette.n_body) / n_pixels;
-        }
-        let is_other = |gain: &f32| (gain - 1.0).abs() > 0.1;
-        tally.relit += u64::from(finder.gains().is_some_and(|it| it.iter().any(is_other)));
-        io.emit(&SILHOUETTE, stamp, pool.share(silhouette));
         Ok(())
     }
 
@@ -150,6 +174,22 @@ impl Node for SilhouetteNode {
         ] {
             if n > 0 {
                 report.figure(format!("silhouette.{what}.{name}"), n as f64);
+            }
+        }
+        if let Some(on_head) = &self.on_head {
+            report.figure(format!("silhouette.views.{name}"), on_head.n_views() as f64);
+            let n = tally.by_status.iter().sum::<u64>() - count(SilhouetteStatus::Learning);
+            report.figure(format!("silhouette.aligned.{name}"), tally.aligned as f64 / n as f64);
+            for (what, n) in [("without_pose", tally.without_pose), ("unknown", tally.unknown)] {
+                if n > 0 {
+                    report.figure(format!("silhouette.{what}.{name}"), n as f64);
+                }
+            }
+            if tally.unknown > 0 {
+                report.remark(format!(
+                    "{name}: in {} pictures less than half of the background is known: while it learnt, the head did not look there, expected views of the empty scene wherever it will look (`patrol_deg` of `pan_tilt.selector`)",
+                    tally.unknown
+                ));
             }
         }
         if let Some(refusal) = &tally.first_refusal {
@@ -178,6 +218,173 @@ impl Node for SilhouetteNode {
     }
 }
 
+impl SilhouetteNode {
+    /// Gives out the silhouette of a picture, after `finish` has had it.
+    fn find(
+        &mut self,
+        io: &mut Io<'_>,
+        image: &Stamped<Arc<Image>>,
+        finish: impl FnOnce(&mut Silhouette, &SilhouetteFinder),
+    ) {
+        let Self { finder, shell, pool, tally, .. } = self;
+        let mut silhouette = pool.take(Silhouette::default);
+        let mut refused = None;
+        let unusable = "too much of the picture differs from the learnt background, or the camera was moved";
+        shell.search(io, &PORTS, image, unusable, |image, predicted, _, features| {
+            if image.pixels.iter().all(|it| *it < DARK) {
+                tally.dark += 1;
+                tally.brightest_dark = image.pixels.iter().copied().fold(tally.brightest_dark, u8::max);
+            }
+            let found = finder.find(image, predicted, &mut silhouette, features);
+            refused = found.as_ref().err().map(ToString::to_string);
+            found
+        });
+        if let Some(refusal) = refused {
+            io.gap(&SILHOUETTE, image.time(), refusal);
+            return;
+        }
+        let is_other = |gain: &f32| (gain - 1.0).abs() > 0.1;
+        tally.relit += u64::from(finder.gains().is_some_and(|it| it.iter().any(is_other)));
+        finish(&mut silhouette, finder);
+        silhouette.camera = self.camera.unwrap_or(silhouette.camera);
+        let status = silhouette.status;
+        tally.by_status[status as usize] += 1;
+        let n_pixels = silhouette.confidence.len().max(1) as f64;
+        if status == SilhouetteStatus::Seen {
+            tally.body_share += f64::from(silhouette.n_body) / n_pixels;
+        }
+        io.emit(&SILHOUETTE, image.stamp, pool.share(silhouette));
+    }
+
+    fn refuse_background(&mut self, refusal: &Refusal) {
+        self.tally.background_refused += 1;
+        self.tally.first_refusal.get_or_insert_with(|| refusal.to_string());
+    }
+
+    /// A picture of a camera on a head, whose turn it is.
+    fn turned(&mut self, io: &mut Io<'_>, turn: Turn) {
+        let Some(mut on_head) = self.on_head.take() else { return };
+        let Turn { image, is_empty, from } = turn;
+        match from {
+            None if is_empty => {}
+            None => {
+                self.tally.without_pose += 1;
+                let reason = "it is not known where the head stood";
+                io.gap(&FEATURES, image.time(), reason);
+                io.gap(&SILHOUETTE, image.time(), reason);
+            }
+            Some(from) => {
+                let is_learning = is_empty || (!self.is_taught && on_head.n_learnt < self.learn_frames);
+                let done = if is_learning {
+                    self.learn_view(io, &mut on_head, &image, &from, is_empty)
+                } else {
+                    self.find_before(io, &mut on_head, &image, &from)
+                };
+                if let Err(refusal) = done {
+                    if is_empty {
+                        self.refuse_background(&refusal);
+                    } else {
+                        io.gap(&FEATURES, image.time(), &refusal);
+                        io.gap(&SILHOUETTE, image.time(), &refusal);
+                    }
+                }
+            }
+        }
+        self.on_head = Some(on_head);
+    }
+
+    fn learn_view(
+        &mut self,
+        io: &mut Io<'_>,
+        on_head: &mut OnHead,
+        image: &Stamped<Arc<Image>>,
+        from: &From,
+        is_empty: bool,
+    ) -> Result<(), Refusal> {
+        on_head.panorama(&image.value)?.learn(&from.camera, from.sigma_px, &image.value.pixels)?;
+        on_head.n_learnt += 1;
+        if !is_empty {
+            io.emit(&ALIGNED, image.stamp, HeadPose::clone(&from.pose));
+            self.emit_unknown(io, image);
+        }
+        Ok(())
+    }
+
+    /// A silhouette that says that its pixels say nothing.
+    fn emit_unknown(&mut self, io: &mut Io<'_>, image: &Stamped<Arc<Image>>) {
+        let mut silhouette = self.pool.take(Silhouette::default);
+        let Image { width, height, window, camera, .. } = *image.value;
+        silhouette.camera = self.camera.unwrap_or(camera);
+        (silhouette.width, silhouette.height, silhouette.window) = (width, height, window);
+        (silhouette.status, silhouette.n_body) = (SilhouetteStatus::Learning, 0);
+        silhouette.confidence.clear();
+        silhouette.confidence.resize(width as usize * height as usize, 0);
+        self.tally.by_status[SilhouetteStatus::Learning as usize] += 1;
+        io.emit(&SILHOUETTE, image.stamp, self.pool.share(silhouette));
+        io.emit(&FEATURES, image.stamp, Features { camera: self.camera.unwrap_or(camera), list: Vec::new() });
+    }
+
+    fn find_before(
+        &mut self,
+        io: &mut Io<'_>,
+        on_head: &mut OnHead,
+        image: &Stamped<Arc<Image>>,
+        from: &From,
+    ) -> Result<(), Refusal> {
+        let panorama = on_head.panorama(&image.value)?;
+        let noise = std::f32::consts::FRAC_1_SQRT_2 * panorama.noise().unwrap_or(0.0);
+        let behind = panorama.behind(&from.camera, from.sigma_px, &image.value.pixels)?;
+        let size = [image.value.width, image.value.height].map(|it| it as usize);
+        let part = known_part(behind.covered, size);
+        if 2 * part[0].len() * part[1].len() < size[0] * size[1] {
+            self.tally.unknown += 1;
+            self.emit_unknown(io, image);
+            return Ok(());
+        }
+        self.finder.set_behind(&image.value, &behind, noise)?;
+        let turned = behind.turned;
+        self.tally.aligned += u64::from(turned.is_some());
+        let mut pose = HeadPose::clone(&from.pose);
+        if let Some(turned) = turned {
+            pose.camera_from_world = turned * pose.camera_from_world;
+        }
+        io.emit(&ALIGNED, image.stamp, pose);
+        let (share, mut taught) = (1.0 / self.adapt_frames, None);
+        self.find(io, image, |silhouette, finder| {
+            if turned.is_some() && silhouette.status.is_usable() {
+                let is_plain = silhouette.confidence.iter().map(|it| *it < PLAIN).collect::<Vec<bool>>();
+                taught = Some((is_plain, finder.gains().unwrap_or([1.0; 3])));
+            }
+            crop(silhouette, &part);
+        });
+        if let Some((is_plain, gains)) = taught {
+            on_head.panorama(&image.value)?.follow(&from.camera, &image.value.pixels, |at| is_plain[at], &gains, share);
+        }
+        Ok(())
+    }
+}
+
+/// Below this confidence a pixel is plain background, and the background follows it.
+const PLAIN: u8 = 64;
+
+/// Leaves of the silhouette of a whole picture these columns and rows.
+fn crop(silhouette: &mut Silhouette, [columns, rows]: &[Range<usize>; 2]) {
+    let width = silhouette.width as usize;
+    if columns.len() == width && rows.len() == silhouette.height as usize {
+        return;
+    }
+    let mut to = 0;
+    for y in rows.clone() {
+        let from = y * width + columns.start;
+        silhouette.confidence.copy_within(from..from + columns.len(), to);
+        to += columns.len();
+    }
+    silhouette.confidence.truncate(to);
+    (silhouette.width, silhouette.height) = (columns.len() as u32, rows.len() as u32);
+    silhouette.window = foveate::messages::Window { left: columns.start as u32, top: rows.start as u32, shrink: 1 };
+    silhouette.n_body = silhouette.confidence.iter().filter(|it| **it >= Silhouette::BODY).count() as u32;
+}
+
 /// Other light in this part of the pictures and more is said in words [–].
 const RELIT: f64 = 0.1;
 
@@ -197,6 +404,9 @@ fn read_background(path: &std::path::Path, size: Option<[u32; 2]>) -> Result<Ima
     let pixels = image::imageops::crop_imm(&rgb, 0, 0, w, h).to_image().into_raw();
     Ok(Image { width: w, height: h, format: PixelFormat::Rgb8, pixels, ..Image::default() })
 }
+
+#[cfg(test)]
+mod turning;
 
 #[cfg(test)]
 mod tests {

@@ -184,6 +184,17 @@ impl Segmenter {
         Ok(())
     }
 
+    /// From the next background on: the least standard deviation of a pixel [gray level], and how far an edge may lie beside where it is known, one standard deviation [px].
+    ///
+    /// # Errors
+    /// One of them out of its range, which leaves both as they were.
+    pub fn set_tolerance(&mut self, noise_floor: f32, jitter_px: f32) -> Result<(), ImagingError> {
+        let config = SegmenterConfig { noise_floor, jitter_px, ..self.config.clone() };
+        config.check()?;
+        self.config = config;
+        Ok(())
+    }
+
     /// Learns from a picture of the empty scene. After the first picture that was split it changes nothing.
     ///
     /// # Errors

@@ -101,10 +101,10 @@ impl Node for SilhouetteScore {
             let Some(camera) = true_camera(&self.calibration, &world, motions, id, time) else { continue };
             let view = self.views.entry(id).or_default();
             view.look(&world, &camera, time);
-            let Some(overlap) = Overlap::of(&silhouette.value, view, studio) else {
+            let Some(overlap) = Overlap::of(&silhouette.value, camera.image_size, view, studio) else {
                 let [width, height] = camera.image_size;
                 let message = format!(
-                    "found a silhouette of {} x {} px, expected the camera's whole picture of {width} x {height} px",
+                    "found a silhouette of {} x {} px, expected one of the camera's whole picture of {width} x {height} px or of a part of it",
                     silhouette.value.width, silhouette.value.height
                 );
                 return Err(NodeError::input(message));

@@ -22,21 +22,26 @@ pub(crate) struct Overlap {
 }
 
 impl Overlap {
-    /// Of a silhouette that covers all of the camera's picture; `None` where its size is another one.
-    pub fn of(silhouette: &Silhouette, view: &PeopleView, studio: &Studio) -> Option<Overlap> {
+    /// Of a silhouette of the camera's picture of `whole` (columns, rows), or of a part of it; `None` where it does not lie on that, or is smaller than it was seen.
+    pub fn of(silhouette: &Silhouette, whole: [u32; 2], view: &PeopleView, studio: &Studio) -> Option<Overlap> {
         let [width, height] = [silhouette.width, silhouette.height].map(|it| it as usize);
-        let is_whole = silhouette.window == foveate_messages::Window::default();
-        if !is_whole || width * height != view.seen.len() || view.seen.len() != silhouette.confidence.len() {
+        let window = silhouette.window;
+        let lies_on = window.shrink == 1 && window.fits([silhouette.width, silhouette.height], whole);
+        if !lies_on
+            || width * height != silhouette.confidence.len()
+            || view.seen.len() as u64 != u64::from(whole[0]) * u64::from(whole[1])
+        {
             return None;
         }
-        let is_true = |column: usize, row: usize| view.seen[row * width + column] != 0;
+        let (left, top, across) = (window.left as usize, window.top as usize, whole[0] as usize);
+        let is_true = |column: usize, row: usize| view.seen[(top + row) * across + left + column] != 0;
         let mut overlap = Overlap::default();
         for (column, row) in (0..height).flat_map(|row| (0..width).map(move |it| (it, row))) {
             let (found, truly) = (silhouette.is_body(column, row), is_true(column, row));
             overlap.n_true += usize::from(truly);
             overlap.n_found += usize::from(found);
             overlap.n_both += usize::from(found && truly);
-            if found && !truly && view.is_shaded(studio, column, row) {
+            if found && !truly && view.is_shaded(studio, left + column, top + row) {
                 overlap.n_shadow += 1;
             }
             let far = INSIDE_PX;
@@ -79,16 +84,27 @@ mod tests {
             confidence: found.iter().map(|it| if *it { 255 } else { 0 }).collect(),
             ..Silhouette::default()
         };
-        let same = Overlap::of(&silhouette(&boxed(8)), &view, &studio).unwrap();
+        let same = Overlap::of(&silhouette(&boxed(8)), [40, 30], &view, &studio).unwrap();
         assert_eq!((same.n_true, same.n_both, same.n_holes, same.intersection_over_union()), (400, 400, 0, 1.0));
         // Of 20 columns 15 are common, and 25 are in either.
-        let shifted = Overlap::of(&silhouette(&boxed(13)), &view, &studio).unwrap();
+        let shifted = Overlap::of(&silhouette(&boxed(13)), [40, 30], &view, &studio).unwrap();
         assert!((shifted.intersection_over_union() - 0.6).abs() < 1e-12);
         let mut holed = boxed(8);
         holed[15 * 40 + 18] = false;
-        let holed = Overlap::of(&silhouette(&holed), &view, &studio).unwrap();
+        let holed = Overlap::of(&silhouette(&holed), [40, 30], &view, &studio).unwrap();
         assert_eq!((holed.n_inside, holed.n_holes), (196, 1));
         let small = Silhouette { width: 20, ..silhouette(&boxed(8)) };
-        assert_eq!(Overlap::of(&small, &view, &studio), None);
+        assert_eq!(Overlap::of(&small, [40, 30], &view, &studio), None);
+        // A part of the picture: columns 10 to 29, rows 5 to 24, of which the box covers 18 columns.
+        let part = Silhouette {
+            width: 20,
+            height: 20,
+            window: foveate_messages::Window { left: 10, top: 5, shrink: 1 },
+            confidence: (0..400).map(|it| if it % 20 < 18 { 255 } else { 0 }).collect(),
+            ..Silhouette::default()
+        };
+        let of_part = Overlap::of(&part, [40, 30], &view, &studio).unwrap();
+        assert_eq!((of_part.n_true, of_part.n_both, of_part.n_found), (360, 360, 360));
+        assert_eq!(Overlap::of(&part, [40, 24], &view, &studio), None);
     }
 }

@@ -98,6 +98,14 @@ pub struct ControlSettings {
     /// A target that was not seen for so long is lost: the head stays where it is until it is seen again [ms].
     #[schemars(range(min = 10.0, max = 60_000.0))]
     pub lost_ms: f64,
+    /// Pan and tilt that the head visits one after the other, again and again, while there is no target: it looks for one, and cameras learn what their background is; left out: it stays where it is. Each pan -360 to 360, tilt -180 to 180 [°]
+    pub patrol_deg: Vec<[f64; 2]>,
+    /// How fast it turns from one of them to the next [°/s].
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub patrol_deg_per_s: f64,
+    /// How long it stays at each [ms].
+    #[schemars(range(min = 0.0, max = 60_000.0))]
+    pub patrol_stay_ms: f64,
     /// Radius of the sub-region about the target; 0: that of the scale [m].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub radius_m: f64,
@@ -123,6 +131,9 @@ impl Default for ControlSettings {
             speeds: [24, 20],
             acceleration_deg_per_s2: 400.0,
             lost_ms: 500.0,
+            patrol_deg: Vec::new(),
+            patrol_deg_per_s: 40.0,
+            patrol_stay_ms: 200.0,
             radius_m: 0.0,
             fill: 0.0,
         }
@@ -137,6 +148,12 @@ impl ControlSettings {
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=800.0)?;
         ConfigError::unless_in("rate_hz", self.rate_hz, 1.0..=120.0)?;
+        for [pan, tilt] in &self.patrol_deg {
+            ConfigError::unless_in("patrol_deg", *pan, -360.0..=360.0)?;
+            ConfigError::unless_in("patrol_deg", *tilt, -180.0..=180.0)?;
+        }
+        ConfigError::unless_in("patrol_deg_per_s", self.patrol_deg_per_s, 0.1..=1000.0)?;
+        ConfigError::unless_in("patrol_stay_ms", self.patrol_stay_ms, 0.0..=60_000.0)?;
         ConfigError::unless_in("settle_ms", self.settle_ms, 10.0..=5000.0)?;
         ConfigError::unless_in("damping_ms", self.damping_ms, 0.0..=5000.0)?;
         ConfigError::unless_in("dead_band_deg", self.dead_band_deg, 0.0..=10.0)?;

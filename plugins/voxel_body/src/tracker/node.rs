@@ -22,6 +22,7 @@ ports! {
     SMOOTHED: Out<Skeletons> = "smoothed";
     JOINTS: Out<Targets> = "joints";
     HEAD: Out<Targets> = "head";
+    TORSO: Out<Targets> = "torso";
     HAND_LEFT: Out<Targets> = "hand_left";
     HAND_RIGHT: Out<Targets> = "hand_right";
 }
@@ -291,6 +292,7 @@ impl Node for BodyTrackerNode {
         }
         let hand = Vector3::new(0.0, 0.0, HAND);
         io.emit(&HEAD, message.stamp, self.anchors(time, &cameras, Part::Head, &Vector3::zeros()));
+        io.emit(&TORSO, message.stamp, self.anchors(time, &cameras, Part::Torso, &Vector3::zeros()));
         io.emit(&HAND_LEFT, message.stamp, self.anchors(time, &cameras, Part::LeftLowerArm, &hand));
         io.emit(&HAND_RIGHT, message.stamp, self.anchors(time, &cameras, Part::RightLowerArm, &hand));
         if let Some(smoother) = &mut self.smoother {
