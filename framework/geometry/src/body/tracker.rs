@@ -6,15 +6,16 @@
 
 use nalgebra::{Matrix6, Point3, Vector3};
 
-use super::acquire::{AcquisitionFailure, AcquisitionOptions, TrunkFound, body_of, find_heads, find_torso};
+use super::acquire::AcquisitionOptions;
 use super::facing::{Facing, SURE};
 use super::field::VoxelField;
 use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
 use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits, add_size_limits};
-use super::layout::{Layout, Presence};
+use super::layout::Presence;
 use super::parts::{Joint, Limb, N_PARTS, Part};
-use super::proportions::{Limits, Proportions, joint_sigma, share};
+use super::proportions::{Limits, Proportions, joint_sigma};
 
+mod beginning;
 mod elsewhere;
 mod levels;
 mod rest;
@@ -149,25 +150,15 @@ const LOOK_EVERY: u64 = 3;
 
 /// Limbs reach for what no part has where that is a larger share of the skin [–]: a calf is a tenth of it.
 const REST_FROM: f64 = 0.03;
-/// So often at the beginning [–]: once for each limb.
-const REACHES: usize = 4;
 
 /// A body that leaves this share of the skin to no part is looked for anew, once in so many frames; what is found takes its place if it leaves so much less.
 const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
 const ANEW_GAIN: f64 = 0.06;
 
-/// What is begun is too unlike a person above this sum of squares [–]. People in hulls of 2 to 20 views, real ones on chairs included, have 1.1 at most; chairs, boxes and plants 1.7 and more.
-const MOST_DOUBT: f64 = 1.4;
 /// Of the head's skin, what may lack, and what the limbs' sizes may be less likely, for a doubt of 1 each [–].
 const HEAD_LACKS: f64 = 0.3;
 const LIMBS_UNUSUAL: f64 = 30.0;
-/// A head of which so much is there above an upright trunk is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there, or the trunk lies.
-const CLEAR_HEAD: f64 = 0.9;
-/// Where the volume cuts a body off, shoulders and chests below its end look like heads; of a head, so much is there, and so much where limbs are cut off too or are none [–]. Chosen on 40 people who are cut off at
-/// nine heights and seven places beside the head, in hulls of 4 and 8 views: of 84 heads that were none 83 have less, of 269 others 41, most of them heads that are cut themselves.
-const CUT_OFF: f64 = 0.75;
-const CUT_OFF_LIMBS: f64 = 0.85;
 
 /// A trunk as upright as this stands or stoops by up to 50°: cosine of its angle to the vertical [–].
 pub(super) const UPRIGHT: f64 = 0.64;
@@ -178,134 +169,7 @@ const POSE_S: f64 = 0.3;
 /// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
 const VOXEL_SHARE: f64 = 0.25;
 
-/// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
-const HEAD_RADIUS: f64 = 0.095;
-const HEAD_SPREAD: f64 = 0.02;
-
 impl BodyTracker {
-    /// A body in voxels of which nothing is known.
-    ///
-    /// # Errors
-    /// The step that failed: to be tried again in another frame.
-    pub fn acquire(field: &VoxelField, options: &TrackerOptions) -> Result<Self, AcquisitionFailure> {
-        let wanted = &options.acquisition;
-        let volume = field.len() as f64 * field.size().powi(3);
-        if volume < wanted.least_volume {
-            return Err(AcquisitionFailure::Small { found: volume, expected: wanted.least_volume });
-        }
-        let (heads, best) = find_heads(field, wanted);
-        if heads.is_empty() {
-            return Err(AcquisitionFailure::Head { found: best, expected: wanted.crust_share });
-        }
-        let mut trunks: Vec<TrunkFound> =
-            heads.iter().filter_map(|it| find_torso(field, it, &options.proportions)).collect();
-        let heights = field.voxels().iter().map(|&it| field.centre(it).z);
-        let [lowest, highest] = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], it| [a.min(it), b.max(it)]);
-        let filled = trunks.iter().map(|it| it.filled).fold(0.0, f64::max);
-        trunks.retain(|it| it.filled >= wanted.torso_filled);
-        let mut failure = match trunks.iter().map(|it| it.up.z).reduce(f64::max) {
-            Some(found) => AcquisitionFailure::Hanging { found, expected: wanted.least_up },
-            None => AcquisitionFailure::Torso { found: filled, expected: wanted.torso_filled },
-        };
-        trunks.retain(|it| it.up.z >= wanted.least_up);
-        let mut found: Option<(f64, BodyTracker)> = None;
-        for trunk in &trunks {
-            match Self::begin(field, options, trunk) {
-                Ok(tracker) => {
-                    // The one that explains most of the voxels, with a head of common size, high up on an upright torso.
-                    let size = (trunk.head.radius - HEAD_RADIUS) / HEAD_SPREAD;
-                    let score = trunk.head.crust_share + trunk.filled
-                        - 2.0 * tracker.support.unexplained
-                        - 0.4 * (1.0 - trunk.up.z)
-                        + (trunk.head.centre.z - lowest) / (highest - lowest)
-                        - 0.1 * size * size;
-                    if found.as_ref().is_none_or(|it| score > it.0) {
-                        found = Some((score, tracker));
-                    }
-                }
-                Err(why) => failure = why,
-            }
-        }
-        found.map(|it| it.1).ok_or(failure)
-    }
-
-    fn begin(
-        field: &VoxelField,
-        options: &TrackerOptions,
-        trunk: &TrunkFound,
-    ) -> Result<BodyTracker, AcquisitionFailure> {
-        let standing = standing(field, trunk, &options.proportions);
-        let length = standing.as_ref().map_or(trunk.length, |it| {
-            // Where legs part is told of legs that do; of others it is far below.
-            let expected = 2.0 * share(Part::Torso).z * it.stature;
-            (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0
-        });
-        let proportions = standing.unwrap_or_else(|| options.proportions.clone());
-        let body = body_of(&TrunkFound { length, ..trunk.clone() }, &proportions);
-        let layout = Layout::new(|it| !it.is_limb());
-        let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
-        let mut tracker = Self {
-            options: options.clone(),
-            filter,
-            limbs: std::array::from_fn(|_| LimbTrack { level: LimbLevel::Absent, weak_s: 0.0, straight_s: 0.0 }),
-            support: Support::default(),
-            facing: Facing::default(),
-            trunk_weak_s: 0.0,
-            is_lost: false,
-            frame: 0,
-            room: [1.0; 2],
-            shared: [false; 4],
-            share: 1.0,
-            voxel: field.size(),
-            last: None,
-        };
-        let begin = tracker.filter.clone();
-        tracker.update(field, &[], 8);
-        tracker.search_absent(field);
-        tracker.update(field, &[], 8);
-        tracker.reach_for_rest(field, &[], REACHES);
-        for limb in Limb::ALL {
-            tracker.try_elsewhere(field, limb);
-        }
-        // All of it again from the start, so that nothing counts twice.
-        let (layout, body) = (*tracker.filter.layout(), tracker.filter.body.clone());
-        tracker.filter = begin;
-        tracker.filter.set_parts(layout, &body, &options.beginning);
-        tracker.filter.body.turns = body.turns;
-        tracker.filter.body.torso = body.torso;
-        tracker.update(field, &[], 10);
-        for part in [Part::Head, Part::Torso] {
-            let (inside, covered) = (tracker.support.inside[part.index()], tracker.support.covered[part.index()]);
-            if inside < 0.75 || covered < 0.3 {
-                return Err(AcquisitionFailure::Fit { part: part.name(), inside, covered });
-            }
-        }
-        let head = tracker.support.covered[Part::Head.index()];
-        let is_unlike = tracker.doubt() > MOST_DOUBT;
-        if field.is_cut_off() {
-            let expected = if is_unlike { CUT_OFF_LIMBS } else { CUT_OFF };
-            if head < expected {
-                return Err(AcquisitionFailure::CutOff { head, expected });
-            }
-        } else if is_unlike && !(head >= CLEAR_HEAD && tracker.upright() >= UPRIGHT) {
-            return Err(AcquisitionFailure::Unlike { head, limbs: tracker.sigmas_of_limbs() });
-        }
-        if tracker.support.unexplained > options.acquisition.most_unexplained {
-            return Err(AcquisitionFailure::Rest {
-                found: tracker.support.unexplained,
-                expected: options.acquisition.most_unexplained,
-            });
-        }
-        // What one frame says counts as much as a quarter of a second does.
-        tracker.facing.hear(&tracker.filter, field, 0.25);
-        if tracker.facing.is_behind(true) {
-            tracker.turn_about();
-        }
-        tracker.judge_limbs(0.0);
-        tracker.look_around(field);
-        Ok(tracker)
-    }
-
     /// Goes on to the next frame, `dt_s` later [s].
     pub fn step(&mut self, field: &VoxelField, dt_s: f64, labelled: &[Labelled]) {
         self.frame += 1;
@@ -538,19 +402,6 @@ impl BodyTracker {
         list
     }
 }
-
-/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the top of the head. `None` of who sits or crouches, and is far below that.
-fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Option<Proportions> {
-    let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
-    let height = trunk.head.centre.z + trunk.head.radius - lowest;
-    let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
-    // Knees that bend and legs apart take some percent, shoes and hair give some.
-    let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
-    (trunk.up.z > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
-}
-
-/// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
-const STANDING_SPREAD: f64 = 0.04;
 
 /// The joints that a filter's parts tell, each with how it came to be.
 pub fn joints(filter: &BodyFilter, source: impl Fn(Joint) -> JointSource) -> Vec<JointEstimate> {

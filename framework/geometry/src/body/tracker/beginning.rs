@@ -1,0 +1,225 @@
+//! How a body is found in voxels of which nothing is known: as tall as is expected, or a child.
+//!
+//! Voxels that are too low for anybody of the expected stature who stands are those of somebody who crouches or sits, or of a child. Both are tried. A child stands on straight legs; whoever is as low on straight
+//! legs is no adult, who would be taller.
+
+use nalgebra::Vector3;
+
+use super::super::acquire::{AcquisitionFailure, HeadFound, TrunkFound, body_of, find_heads, find_torso};
+use super::super::facing::Facing;
+use super::super::field::VoxelField;
+use super::super::filter::BodyFilter;
+use super::super::fit::Support;
+use super::super::layout::Layout;
+use super::super::parts::{Limb, Part};
+use super::super::proportions::{Proportions, share};
+use super::{BodyTracker, LimbLevel, LimbTrack, TrackerOptions, UPRIGHT};
+
+/// So often at the beginning [–]: once for each limb.
+const REACHES: usize = 4;
+/// What is begun is too unlike a person above this sum of squares [–]. People in hulls of 2 to 20 views, real ones on chairs included, have 1.1 at most; chairs, boxes and plants 1.7 and more.
+const MOST_DOUBT: f64 = 1.4;
+/// A head of which so much is there above an upright trunk is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there, or the trunk lies.
+const CLEAR_HEAD: f64 = 0.9;
+/// Where the volume cuts a body off, shoulders and chests below its end look like heads; of a head, so much is there, and so much where limbs are cut off too or are none [–]. Chosen on 40 people who are cut off at
+/// nine heights and seven places beside the head, in hulls of 4 and 8 views: of 84 heads that were none 83 have less, of 269 others 41, most of them heads that are cut themselves.
+const CUT_OFF: f64 = 0.75;
+const CUT_OFF_LIMBS: f64 = 0.85;
+/// Radius of a head with hair in a hull, and how far it varies [m]: heads of 0.155 m × 0.19 m × 0.23 m (Winter, figure 4.1) are balls of 0.095 m.
+const HEAD_RADIUS: f64 = 0.095;
+const HEAD_SPREAD: f64 = 0.02;
+
+impl BodyTracker {
+    /// A body in voxels of which nothing is known.
+    ///
+    /// # Errors
+    /// The step that failed: to be tried again in another frame.
+    pub fn acquire(field: &VoxelField, options: &TrackerOptions) -> Result<Self, AcquisitionFailure> {
+        let wanted = &options.acquisition;
+        let volume = field.len() as f64 * field.size().powi(3);
+        if volume < wanted.least_volume {
+            return Err(AcquisitionFailure::Small { found: volume, expected: wanted.least_volume });
+        }
+        let (heads, best) = find_heads(field, wanted);
+        if heads.is_empty() {
+            return Err(AcquisitionFailure::Head { found: best, expected: wanted.crust_share });
+        }
+        let heights = field.voxels().iter().map(|&it| field.centre(it).z);
+        let [lowest, highest] = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], it| [a.min(it), b.max(it)]);
+        let expected = heads.iter().map(|it| (it, None));
+        let children = heads.iter().filter_map(|it| Some((it, Some(child(field, it, lowest, &options.proportions)?))));
+        let mut trunks: Vec<(TrunkFound, Option<Proportions>)> = expected
+            .chain(children)
+            .filter_map(|(head, child)| {
+                let found = find_torso(field, head, child.as_ref().unwrap_or(&options.proportions));
+                found.map(|it| (it, child))
+            })
+            .collect();
+        let of_expected = |trunks: &[(TrunkFound, Option<Proportions>)], what: fn(&TrunkFound) -> f64| {
+            trunks.iter().filter(|it| it.1.is_none()).map(|it| what(&it.0)).reduce(f64::max)
+        };
+        let filled = of_expected(&trunks, |it| it.filled).unwrap_or(0.0);
+        trunks.retain(|it| it.0.filled >= wanted.torso_filled);
+        let mut failure = match of_expected(&trunks, |it| it.up.z) {
+            Some(found) => AcquisitionFailure::Hanging { found, expected: wanted.least_up },
+            None => AcquisitionFailure::Torso { found: filled, expected: wanted.torso_filled },
+        };
+        trunks.retain(|(trunk, child)| trunk.up.z >= if child.is_some() { UPRIGHT } else { wanted.least_up });
+        // The best as tall as is expected, and the best child.
+        let mut best: [Option<(f64, BodyTracker)>; 2] = [None, None];
+        for (trunk, child) in &trunks {
+            let begun = match child {
+                None => Self::begin(field, options, trunk, standing(field, trunk, &options.proportions)),
+                Some(child) => {
+                    let Proportions { stature_spread, .. } = options.proportions;
+                    let options = TrackerOptions {
+                        proportions: Proportions { stature_spread, ..child.clone() },
+                        ..options.clone()
+                    };
+                    Self::begin(field, &options, trunk, Some(child.clone()))
+                }
+            };
+            match begun {
+                Ok(tracker) if child.is_none() || tracker.legs_upright() > CHILD_LEGS => {
+                    // The one that explains most of the voxels, with a head of common size, high up on an upright torso.
+                    let size = (trunk.head.radius - HEAD_RADIUS) / HEAD_SPREAD;
+                    let score = trunk.head.crust_share + trunk.filled
+                        - 2.0 * tracker.support.unexplained
+                        - 0.4 * (1.0 - trunk.up.z)
+                        + (trunk.head.centre.z - lowest) / (highest - lowest)
+                        - 0.1 * size * size;
+                    let best = &mut best[usize::from(child.is_some())];
+                    if best.as_ref().is_none_or(|it| score > it.0) {
+                        *best = Some((score, tracker));
+                    }
+                }
+                Err(why) if child.is_none() => failure = why,
+                _ => {}
+            }
+        }
+        let [expected, child] = best.map(|it| it.map(|it| it.1));
+        match (expected, child) {
+            // Who is low on straight legs would be as tall as people are, if grown up.
+            (Some(it), Some(child)) if child.support.unexplained < it.support.unexplained + CHILD_REST => Ok(child),
+            (Some(it), _) => Ok(it),
+            (None, Some(child)) if child.support.covered[Part::Head.index()] >= CLEAR_HEAD => Ok(child),
+            _ => Err(failure),
+        }
+    }
+
+    /// Cosine of the angle from upright of that part of both legs that is farthest from it.
+    fn legs_upright(&self) -> f64 {
+        let parts = [Part::LeftThigh, Part::LeftCalf, Part::RightThigh, Part::RightCalf];
+        let has = |it: Part| self.filter.layout().has(it);
+        let upright =
+            |it: Part| if has(it) { (self.filter.body.turns[it.index()] * Vector3::z()).z.abs() } else { 1.0 };
+        let all = [Limb::LeftLeg, Limb::RightLeg].into_iter().all(|it| self.level(it) != LimbLevel::Absent);
+        if all { parts.map(upright).into_iter().fold(1.0, f64::min) } else { 0.0 }
+    }
+
+    fn begin(
+        field: &VoxelField,
+        options: &TrackerOptions,
+        trunk: &TrunkFound,
+        standing: Option<Proportions>,
+    ) -> Result<BodyTracker, AcquisitionFailure> {
+        let length = standing.as_ref().map_or(trunk.length, |it| {
+            // Where legs part is told of legs that do; of others it is far below.
+            let expected = 2.0 * share(Part::Torso).z * it.stature;
+            (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0
+        });
+        let proportions = standing.unwrap_or_else(|| options.proportions.clone());
+        let body = body_of(&TrunkFound { length, ..trunk.clone() }, &proportions);
+        let layout = Layout::new(|it| !it.is_limb());
+        let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
+        let mut tracker = Self {
+            options: options.clone(),
+            filter,
+            limbs: std::array::from_fn(|_| LimbTrack { level: LimbLevel::Absent, weak_s: 0.0, straight_s: 0.0 }),
+            support: Support::default(),
+            facing: Facing::default(),
+            trunk_weak_s: 0.0,
+            is_lost: false,
+            frame: 0,
+            room: [1.0; 2],
+            shared: [false; 4],
+            share: 1.0,
+            voxel: field.size(),
+            last: None,
+        };
+        let begin = tracker.filter.clone();
+        tracker.update(field, &[], 8);
+        tracker.search_absent(field);
+        tracker.update(field, &[], 8);
+        tracker.reach_for_rest(field, &[], REACHES);
+        for limb in Limb::ALL {
+            tracker.try_elsewhere(field, limb);
+        }
+        // All of it again from the start, so that nothing counts twice.
+        let (layout, body) = (*tracker.filter.layout(), tracker.filter.body.clone());
+        tracker.filter = begin;
+        tracker.filter.set_parts(layout, &body, &options.beginning);
+        tracker.filter.body.turns = body.turns;
+        tracker.filter.body.torso = body.torso;
+        tracker.update(field, &[], 10);
+        for part in [Part::Head, Part::Torso] {
+            let (inside, covered) = (tracker.support.inside[part.index()], tracker.support.covered[part.index()]);
+            if inside < 0.75 || covered < 0.3 {
+                return Err(AcquisitionFailure::Fit { part: part.name(), inside, covered });
+            }
+        }
+        let head = tracker.support.covered[Part::Head.index()];
+        let is_unlike = tracker.doubt() > MOST_DOUBT;
+        if field.is_cut_off() {
+            let expected = if is_unlike { CUT_OFF_LIMBS } else { CUT_OFF };
+            if head < expected {
+                return Err(AcquisitionFailure::CutOff { head, expected });
+            }
+        } else if is_unlike && !(head >= CLEAR_HEAD && tracker.upright() >= UPRIGHT) {
+            return Err(AcquisitionFailure::Unlike { head, limbs: tracker.sigmas_of_limbs() });
+        }
+        if tracker.support.unexplained > options.acquisition.most_unexplained {
+            return Err(AcquisitionFailure::Rest {
+                found: tracker.support.unexplained,
+                expected: options.acquisition.most_unexplained,
+            });
+        }
+        // What one frame says counts as much as a quarter of a second does.
+        tracker.facing.hear(&tracker.filter, field, 0.25);
+        if tracker.facing.is_behind(true) {
+            tracker.turn_about();
+        }
+        tracker.judge_limbs(0.0);
+        tracker.look_around(field);
+        Ok(tracker)
+    }
+}
+
+/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the top of the head. `None` of who sits or crouches, and is far below that.
+fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Option<Proportions> {
+    let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
+    let height = trunk.head.centre.z + trunk.head.radius - lowest;
+    let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
+    // Knees that bend and legs apart take some percent, shoes and hair give some.
+    let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
+    (trunk.up.z > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
+}
+
+/// Proportions of a child who stands with this head on top: the voxels are too low for anybody of the expected stature who stands.
+fn child(field: &VoxelField, head: &HeadFound, lowest: f64, expected: &Proportions) -> Option<Proportions> {
+    let height = head.centre.z + head.radius - lowest + field.size() / 2.0;
+    let is_low = height < expected.stature * (1.0 - 2.5 * expected.stature_spread) && height > LEAST_CHILD;
+    is_low.then(|| Proportions { stature: height, stature_spread: STANDING_SPREAD, ..expected.clone() })
+}
+
+/// Nobody who stands is lower than this: of children of two years 19 in 20 are taller [m].
+const LEAST_CHILD: f64 = 0.80;
+
+/// A child stands on legs whose parts are no farther from upright than this [cosine]: parts of a standing child's are at 0.75 or more, of adults who crouch as low at 0.65 or less.
+const CHILD_LEGS: f64 = 0.75;
+
+/// A child may leave so much more of the skin to nobody than an adult who crouches [–].
+const CHILD_REST: f64 = 0.01;
+
+/// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
+const STANDING_SPREAD: f64 = 0.04;
