@@ -174,17 +174,20 @@ fn reaches(seed: u64) -> Vec<Point3<f64>> {
     path
 }
 
-/// Where a joint of a recorded person went [m], z up, at 60 Hz.
-fn of_a_person(file: &Path, joint: &str) -> Vec<Point3<f64>> {
+/// Where a joint of a recorded person went [m], z up, at 60 Hz, at `pace` times the speed it had; the longest side of the person in the first frame is upright.
+fn of_a_person(file: &Path, joint: &str, pace: f64) -> Vec<Point3<f64>> {
     let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(file).unwrap()).unwrap();
     let joint = motion.joint(joint).unwrap();
-    let heights = |frame: usize| motion.poses(frame, 1.0).unwrap().into_iter().map(|it| it.translation.y);
-    let height = heights(0).fold(f64::MIN, f64::max) - heights(0).fold(f64::MAX, f64::min);
-    let frames = (motion.n_frames() as f64 * motion.frame_s * 60.0) as usize;
+    let extents = [0, 1, 2].map(|axis| {
+        let places = || motion.poses(0, 1.0).unwrap().into_iter().map(|it| it.translation.vector[axis]);
+        places().fold(f64::MIN, f64::max) - places().fold(f64::MAX, f64::min)
+    });
+    let up = if extents[1] >= extents[2] { 1 } else { 2 };
+    let frames = (motion.n_frames() as f64 * motion.frame_s / pace * 60.0) as usize;
     let place = |it: usize| {
-        let pose = motion.poses((it as f64 / 60.0 / motion.frame_s) as usize, 1.65 / height)?[joint];
-        let [x, y, z] = pose.translation.vector.into();
-        Some(Point3::new(x, z, y))
+        let frame = (it as f64 / 60.0 * pace / motion.frame_s) as usize;
+        let at = motion.poses(frame, 1.65 / extents[up])?[joint].translation.vector;
+        Some(Point3::new(at.x, at[3 - up], at[up]))
     };
     (0..frames).map_while(place).collect()
 }
@@ -213,15 +216,48 @@ fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
 fn paths_that_were_recorded_or_drawn_are_followed_no_worse_than_by_the_paper_s_way() {
     let mut paths: Vec<(String, Vec<Point3<f64>>)> =
         (0..3).map(|seed| (format!("reaches {seed}"), reaches(seed))).collect();
-    if let Some(data) = foveate_testkit::data_dir_or_skip("recorded people", "s18_bvh") {
-        for (file, joint) in [("131_01.bvh", "Hips"), ("131_01.bvh", "Head"), ("131_03.bvh", "Hips")] {
-            paths.push((format!("{file}, {joint}"), of_a_person(&data.join(file), joint)));
+    let mut add = |folder: &str, people: &[(&str, &str, f64, bool)]| {
+        let Some(data) = foveate_testkit::data_dir_or_skip("recorded people", folder) else { return };
+        for (file, joint, pace, backwards) in people {
+            let mut path = of_a_person(&data.join(format!("{file}.bvh")), joint, *pace);
+            if *backwards {
+                path.reverse();
+            }
+            let how = if *backwards { ", backwards" } else { "" };
+            paths.push((format!("{file} {joint} at {pace} of its speed{how}"), path));
         }
-    }
+    };
+    add(
+        "s18_bvh",
+        &[
+            ("131_01", "Hips", 1.0, false),
+            ("131_01", "Head", 1.0, false),
+            ("131_01", "RightWrist", 1.0, false),
+            ("131_03", "Hips", 1.0, false),
+            ("131_03", "Head", 1.0, false),
+            ("131_03", "LeftWrist", 1.0, false),
+            ("131_01", "Head", 1.0, true),
+            ("131_03", "Hips", 1.0, true),
+            ("131_01", "Hips", 0.6, false),
+            ("131_03", "Head", 0.6, false),
+        ],
+    );
+    add(
+        "s22_bvh_people",
+        &[
+            ("fair1_dab", "Head", 1.0, false),
+            ("fair1_dab", "LeftHand", 1.0, false),
+            ("fair1_jumping", "Head", 1.0, false),
+            ("fair1_jumping", "RightHand", 1.0, false),
+            ("fair1_zombie", "Hips", 1.0, false),
+            ("fair1_zombie", "LeftHand", 1.0, false),
+            ("cmu1_jumping_jacks", "Hips", 0.6, false),
+        ],
+    );
     let (mut sum, n) = (0.0, paths.len() as f64);
     for (name, path) in paths {
         // The latency of a head is drawn anew for each command: one run says little.
-        let runs = [1, 2].map(|seed| follow(path.clone(), seed));
+        let runs = [11, 12].map(|seed| follow(path.clone(), seed));
         let mean = |way: usize, of: usize| (runs[0][way][of] + runs[1][way][of]) / 2.0;
         println!(
             "{name}: ours {:.0} px mean, {:.0} px p95; the paper's way {:.0} px, {:.0} px",
@@ -230,8 +266,8 @@ fn paths_that_were_recorded_or_drawn_are_followed_no_worse_than_by_the_paper_s_w
             mean(1, 0),
             mean(1, 1)
         );
-        assert!(mean(0, 0) < 1.25 * mean(1, 0), "{name}");
+        assert!(mean(0, 0) < 1.07 * mean(1, 0) && mean(0, 1) < 1.2 * mean(1, 1), "{name}");
         sum += (mean(0, 0) / mean(1, 0)).ln();
     }
-    assert!((sum / n).exp() < 1.0, "{} of the paper's way, geometric mean", (sum / n).exp());
+    assert!((sum / n).exp() < 0.95, "{} of the paper's way, geometric mean", (sum / n).exp());
 }

@@ -8,18 +8,22 @@
 //! |---|---|
 //! | `horizon`, L | how far ahead |
 //! | `displacements`, d | v(t) Δ, then x(t − (k−1)Δ) − x(t − kΔ): a shift of the origin changes nothing |
-//! | `weights`, w | the same for all axes, so that a turn of the axes changes nothing either |
+//! | `weights`, w | the same for all axes of a part, so that a turn of the axes changes nothing either |
 //!
 //! w is the mean of a Bayesian linear regression: before anything is known, w = (τ (1 − exp(−L/τ))/Δ, 0, …, 0), a velocity that fades; rows of the last seconds
 //! count less the older they are. A point that has hardly moved teaches nothing, and its prediction stays that.
 //!
 //! Rows of a few seconds can be met by chance by weights that foretell nothing: people who turn abruptly are overshot by a third more than at a velocity that fades. So
-//! there are two answers, of weights that are free and of weights that hardly leave what they are beforehand; which of the two holds, their misses say.
+//! there are two answers, of weights that are free and of weights that hardly leave what they are beforehand; which of the two holds, their misses say. The free ones are
+//! the same for all that moves, since they need many rows; the cautious ones are fitted to what is level and to what is upright apart ([`Parts`]).
+//!
+//! Neither says that the point goes farther than it ever went in that time, or than its velocity takes it: somebody who jumps once was foretold to be metres away.
 
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 
 use super::history::History;
-use super::{FADES_S, across, faded_s};
+use super::parts::{PARTS, Parts};
+use super::{SLOWS_S, faded_s};
 
 type Weights = SVector<f64, TAPS>;
 
@@ -31,8 +35,12 @@ const TAP_S: f64 = 0.2;
 const ROW_S: f64 = 1.0 / 30.0;
 /// Rows so close share their errors: as many count as one.
 const ROWS_ALIKE: f64 = 6.0;
-/// How much the weights may differ from what they are beforehand, relative to L/Δ, standard deviation: of either answer [–].
-const FREEDOMS: [f64; 2] = [1.0, 0.15];
+/// How much the weights of the free answer may differ from what they are beforehand, relative to L/Δ, standard deviation [–].
+const FREE: f64 = 1.0;
+/// The same of the cautious one [–].
+const CAUTIOUS: f64 = 0.15;
+/// With fewer rows nothing is fitted [–].
+const LEAST_ROWS: f64 = 1.5;
 /// For how long rows count, as a time constant: two turns of what people swing to and fro [s].
 const MEMORY_S: f64 = 5.0;
 /// What a row misses at the least, standard deviation of each axis [m].
@@ -42,10 +50,16 @@ const LEAST_MISS_M: f64 = 0.004;
 pub(super) fn predict(history: &History, horizon_s: f64, eye: Option<&Point3<f64>>) -> [Point3<f64>; 2] {
     let Some(last) = history.last() else { return [Point3::origin(); 2] };
     let Some(now) = displacements(history, last.time_s) else {
-        return [last.position + last.velocity * faded_s(FADES_S, horizon_s); 2];
+        return [last.position + last.velocity * faded_s(SLOWS_S, horizon_s); 2];
     };
-    let across = across(eye, &last.position);
-    fit(history, last.time_s, horizon_s, &across).map(|weights| last.position + now * weights)
+    let parts = Parts::new(eye, &last.position);
+    let prior = Weights::from_fn(|row, _| if row == 0 { faded_s(SLOWS_S, horizon_s) / TAP_S } else { 0.0 });
+    let seen = Seen::gather(history, last.time_s, horizon_s, &parts, &prior);
+    let free = seen.all().fit(FREE, horizon_s);
+    let cautious = seen.parts.each_ref().map(|it| it.fit(CAUTIOUS, horizon_s));
+    let farthest = seen.farthest.max(last.velocity.norm() * horizon_s);
+    let ways = [now * (prior + free), parts.join(cautious.map(|change| now * (prior + change)))];
+    ways.map(|way| last.position + way * (farthest / way.norm().max(1e-12)).min(1.0))
 }
 
 /// d(t), an axis a row; `None` where the history does not reach back far enough.
@@ -61,43 +75,89 @@ fn displacements(history: &History, time_s: f64) -> Option<SMatrix<f64, 3, TAPS>
     Some(SMatrix::from_columns(&columns))
 }
 
-fn fit(history: &History, now_s: f64, horizon_s: f64, across: &Matrix3<f64>) -> [Weights; 2] {
-    let prior = Weights::from_fn(|row, _| if row == 0 { faded_s(FADES_S, horizon_s) / TAP_S } else { 0.0 });
-    let (mut gram, mut moment, mut square) = (SMatrix::<f64, TAPS, TAPS>::zeros(), Weights::zeros(), 0.0);
-    let mut rows = 0.0;
-    let oldest = history.first_s().unwrap_or(now_s).max(now_s - horizon_s - 3.0 * MEMORY_S);
-    let mut time_s = now_s - horizon_s;
-    while time_s > oldest {
-        let (Some(x), Some(y), Some(d)) =
-            (history.at(time_s), history.at(time_s + horizon_s), displacements(history, time_s))
-        else {
-            break;
-        };
-        let weight = ((time_s - now_s + horizon_s) / MEMORY_S).exp();
-        // What is known beforehand is taken off: what is fitted is by how much the weights differ from it.
-        let missed = across * ((y - x) - d * prior);
-        let d = across * d;
-        gram += d.transpose() * d * weight;
-        moment += d.transpose() * missed * weight;
-        square += missed.norm_squared() * weight;
-        rows += across.trace() * weight;
-        time_s -= ROW_S;
+/// The rows of the regression.
+struct Seen {
+    parts: [Rows; PARTS],
+    /// The farthest that the point went over the horizon [m].
+    farthest: f64,
+}
+
+/// Normal equations, of what the weights differ by from what they are beforehand.
+#[derive(Clone, Copy)]
+struct Rows {
+    gram: SMatrix<f64, TAPS, TAPS>,
+    moment: Weights,
+    square: f64,
+    /// How many rows they are, of how many axes each [–].
+    count: f64,
+    axes: f64,
+}
+
+impl Seen {
+    fn gather(history: &History, now_s: f64, horizon_s: f64, parts: &Parts, prior: &Weights) -> Seen {
+        let views = parts.seen();
+        let mut seen = Seen { parts: views.map(|view| Rows::none(view.trace())), farthest: 0.0 };
+        let oldest = history.first_s().unwrap_or(now_s).max(now_s - horizon_s - 3.0 * MEMORY_S);
+        let mut time_s = now_s - horizon_s;
+        while time_s > oldest {
+            let (Some(x), Some(y), Some(d)) =
+                (history.at(time_s), history.at(time_s + horizon_s), displacements(history, time_s))
+            else {
+                break;
+            };
+            let weight = ((time_s - now_s + horizon_s) / MEMORY_S).exp();
+            let missed = (y - x) - d * prior;
+            seen.farthest = seen.farthest.max((y - x).norm());
+            for (rows, view) in seen.parts.iter_mut().zip(&views) {
+                rows.add(view, &d, &missed, weight);
+            }
+            time_s -= ROW_S;
+        }
+        seen
     }
-    if rows < 3.0 {
-        return [prior; 2];
+
+    /// Of all that is seen.
+    fn all(&self) -> Rows {
+        let [level, upright] = &self.parts;
+        Rows {
+            gram: level.gram + upright.gram,
+            moment: level.moment + upright.moment,
+            square: level.square + upright.square,
+            count: level.count,
+            axes: level.axes + upright.axes,
+        }
     }
-    FREEDOMS.map(|freedom| {
+}
+
+impl Rows {
+    fn none(axes: f64) -> Rows {
+        Rows { gram: SMatrix::zeros(), moment: Weights::zeros(), square: 0.0, count: 0.0, axes }
+    }
+
+    fn add(&mut self, view: &Matrix3<f64>, d: &SMatrix<f64, 3, TAPS>, missed: &Vector3<f64>, weight: f64) {
+        let (d, missed) = (view * d, view * missed);
+        self.gram += d.transpose() * d * weight;
+        self.moment += d.transpose() * missed * weight;
+        self.square += missed.norm_squared() * weight;
+        self.count += weight;
+    }
+
+    /// By how much the weights differ from what they are beforehand.
+    fn fit(&self, freedom: f64, horizon_s: f64) -> Weights {
+        let mut change = Weights::zeros();
+        if self.count < LEAST_ROWS {
+            return change;
+        }
         let freedom = (freedom * horizon_s / TAP_S).powi(2);
         let mut variance = LEAST_MISS_M.powi(2);
-        let mut change = Weights::zeros();
         // The noise of a row depends on the weights, which depend on it: two rounds are enough.
         for _ in 0..2 {
             let ridge = SMatrix::<f64, TAPS, TAPS>::identity() * (variance * ROWS_ALIKE / freedom);
-            let Some(factor) = (gram + ridge).cholesky() else { return prior };
-            change = factor.solve(&moment);
-            let missed = square - 2.0 * moment.dot(&change) + change.dot(&(gram * change));
-            variance = (missed / rows).max(LEAST_MISS_M.powi(2));
+            let Some(factor) = (self.gram + ridge).cholesky() else { return Weights::zeros() };
+            change = factor.solve(&self.moment);
+            let missed = self.square - 2.0 * self.moment.dot(&change) + change.dot(&(self.gram * change));
+            variance = (missed / (self.count * self.axes)).max(LEAST_MISS_M.powi(2));
         }
-        prior + change
-    })
+        change
+    }
 }

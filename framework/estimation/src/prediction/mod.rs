@@ -13,7 +13,7 @@
 //! | [`Way::Interacting`] | interacting models of constant velocity and constant acceleration |
 //! | [`Way::Linear`] | a combination of recent displacements, fitted to what followed them in the last seconds: `linear` |
 //! | [`Way::Cautious`] | the same, fitted so that it hardly leaves a velocity that fades |
-//! | [`Way::Weighted`] | all of them but that of constant acceleration, weighted by how well each one foretold what has happened since: `weighting` |
+//! | [`Way::Weighted`] | all of them but that of constant acceleration, weighted by how well each one foretold what has happened since, what is level and what is upright apart: `weighting` |
 //!
 //! Acceleration by itself is no member of the mixture: where it fails it fails by the square of the horizon, and the interacting models have it where it holds.
 //!
@@ -21,6 +21,7 @@
 
 mod history;
 mod linear;
+mod parts;
 #[cfg(test)]
 mod tests;
 mod weighting;
@@ -67,6 +68,8 @@ const SCORED: [Way; WAYS] = [
 ];
 /// Time constant of a velocity that fades: that of a reach of a hand, half a second long, about half-way [s].
 const FADES_S: f64 = 0.25;
+/// The same of one that fades half as fast [s].
+const SLOWS_S: f64 = 2.0 * FADES_S;
 
 /// How much a point that is followed jerks, for the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,12 +117,6 @@ pub struct Predictor {
     stated_velocity: Vector3<f64>,
     /// The horizon that was asked for last [s].
     horizon_s: f64,
-}
-
-/// Takes from a difference of two points at about `place` what an eye does not see: the part along its line of sight.
-fn across(eye: Option<&Point3<f64>>, place: &Point3<f64>) -> Matrix3<f64> {
-    let sight = eye.and_then(|eye| (place - eye).try_normalize(1e-9));
-    sight.map_or_else(Matrix3::identity, |it| Matrix3::identity() - it * it.transpose())
 }
 
 /// By this time a velocity is multiplied that fades with the time constant `fades_s`: the way that is made over a horizon [s].
@@ -231,7 +228,7 @@ impl Predictor {
             Way::Still => last.position,
             Way::Velocity => last.position + self.stated_velocity * horizon_s,
             Way::Damped => last.position + self.stated_velocity * faded_s(FADES_S, horizon_s),
-            Way::Slowing => last.position + self.stated_velocity * faded_s(2.0 * FADES_S, horizon_s),
+            Way::Slowing => last.position + self.stated_velocity * faded_s(SLOWS_S, horizon_s),
             Way::Acceleration => by_filter(0),
             Way::Interacting => by_filter(1),
             Way::Linear => linear()[0],

@@ -27,7 +27,7 @@ pub enum PredictorKind {
     Linear,
     /// The same, fitted so that it hardly leaves a velocity that fades.
     Cautious,
-    /// All of these but that with its acceleration, weighted by their recent prediction errors.
+    /// All of these but that with its acceleration, weighted by their recent prediction errors: what is level and what is upright apart.
     #[default]
     Weighted,
 }
