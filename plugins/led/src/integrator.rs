@@ -40,7 +40,7 @@ figures! {
     "integrator.targets_at_end": count, neither, "Targets that lived when the run ended";
     "integrator.ambiguities": count, neither, "Frames that left several answers open, which were kept; with association = hypotheses";
     "integrator.observations_used": count, neither, "Features that were taken as the observation of a target";
-    "integrator.observations_shared": count, neither, "Features that were taken for two targets at once, whose images had run into one spot";
+    "integrator.observations_shared": count, neither, "Features that were taken for two targets at once, whose images had run into one spot; with hypotheses only of frames that came late";
     "integrator.observations_unmatched": count, low, "Features that belonged to no target when they came; those that began one are among them";
     "integrator.observations_unusable": count, low, "Features without finite numbers, or with a covariance that is none";
     "integrator.observations_late": count, low, "Features in late or repeated frames, which were not used";

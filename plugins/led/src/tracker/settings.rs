@@ -60,7 +60,7 @@ pub enum AssociationMethod {
     /// The pairs whose costs have the least sum.
     #[default]
     Global,
-    /// As `global`, and where one frame cannot tell, several answers are kept until later frames can.
+    /// As `global`, and where one frame cannot tell, several answers are kept until later frames can. A spot that is two lights is then the spot of one of them.
     Hypotheses,
 }
 
