@@ -184,10 +184,12 @@ fn of_a_person(file: &Path, joint: &str, pace: f64) -> Vec<Point3<f64>> {
     });
     let up = if extents[1] >= extents[2] { 1 } else { 2 };
     let frames = (motion.n_frames() as f64 * motion.frame_s / pace * 60.0) as usize;
+    let at = |frame: usize| Some(motion.poses(frame, 1.65 / extents[up])?[joint].translation.vector);
     let place = |it: usize| {
-        let frame = (it as f64 / 60.0 * pace / motion.frame_s) as usize;
-        let at = motion.poses(frame, 1.65 / extents[up])?[joint].translation.vector;
-        Some(Point3::new(at.x, at[3 - up], at[up]))
+        let frames = it as f64 / 60.0 * pace / motion.frame_s;
+        let (before, after) = (at(frames as usize)?, at(frames as usize + 1)?);
+        let between = before + (after - before) * frames.fract();
+        Some(Point3::new(between.x, between[3 - up], between[up]))
     };
     (0..frames).map_while(place).collect()
 }
