@@ -23,7 +23,7 @@ fn main() {
                 let start = Instant::now();
                 let edges = detect(black_box(&view), &detecting).unwrap();
                 tracker.predict(1, &|_, _| [0.0; 2]);
-                let shown = tracker.agreement(&edges).instead_of(number % FRAMES).unwrap_or(number % FRAMES);
+                let shown = tracker.agreement(&edges).shows(number).picture(number).unwrap_or(number % FRAMES);
                 tracker.update(&edges, shown);
                 let found = lines(&tracker);
                 // The first pictures have nothing to track yet.

@@ -119,6 +119,12 @@ pub struct Boundaries {
     distance: Option<f64>,
     /// Pictures one after the other in which the projector showed another one than it was told.
     others: u32,
+    /// Pictures one after the other that were none of the four.
+    unclear: u32,
+    /// Pictures that were taken up into the tracks …
+    taken: u64,
+    /// … and which of them showed each of the four patterns last.
+    shown_last: [u64; FRAMES],
     /// Boundaries in the best map of late.
     most: f64,
     frames: u64,
@@ -155,7 +161,7 @@ impl Node for Boundaries {
         let options = TrackOptions { threads: settings.threads, ..TrackOptions::default() };
         let recorded = match setup.is_connected(&SHOWN) {
             true => None,
-            false => Some(Recorded::new(&settings, projector.image_size)?),
+            false => Some(Recorded::new(&settings, projector.image_size, setup)?),
         };
         let tracker = Tracker::new(camera.image_size[1] as usize, options).map_err(ConfigError::node)?;
         Ok(Self {
@@ -182,6 +188,9 @@ impl Node for Boundaries {
             last: None,
             distance: None,
             others: 0,
+            unclear: 0,
+            taken: 0,
+            shown_last: [0; FRAMES],
             most: 0.0,
             frames: 0,
             empty: 0,
@@ -473,7 +482,9 @@ impl Boundaries {
                         self.empty += 1;
                         let fault = match self.wrong_first {
                             Some(_) => "`first_shows` is wrong",
-                            None => "it is open which of the four patterns is shown",
+                            None => {
+                                "it is open which of the four patterns is shown, or what is known of it is not borne out"
+                            }
                         };
                         io.gap(&MAP, before.stamp.time, fault);
                     }
@@ -585,4 +596,8 @@ impl Boundaries {
 }
 
 #[cfg(test)]
+mod stage;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod upset;

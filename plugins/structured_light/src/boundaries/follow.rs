@@ -2,7 +2,7 @@
 //!
 //! What a projector was told or a recording's `first_shows` says has to be borne out by what boundaries come of it, at the start, after each gap, and where boundaries that are known contradict their neighbours.
 
-use foveate::imaging::stripes::boundary::{Edges, FRAMES, Held, Line, Turns, lines};
+use foveate::imaging::stripes::boundary::{Agreement, Edges, FRAMES, Held, Line, Shows, Turns, lines};
 use foveate::prelude::*;
 
 use super::{Boundaries, MOST_OTHERS};
@@ -12,6 +12,14 @@ use super::{Boundaries, MOST_OTHERS};
 const LEAST_HELD: f32 = 0.45;
 /// … of which so many are needed before they say anything.
 const LEAST_KNOWN: f32 = 400.0;
+/// The same of one picture alone, whose map is not given otherwise [–] …
+const LEAST_HELD_IN_ONE: f32 = 0.6;
+/// … of so many that are known at least.
+const LEAST_IN_ONE: f32 = 20.0;
+/// Pictures one after the other that are none of the four, beyond which tracks are lost.
+const MOST_UNCLEAR: u32 = 1;
+/// Each of the four patterns has to be seen again before so many pictures have passed: twice the code.
+const MOST_UNSEEN: u64 = 2 * FRAMES as u64;
 
 /// What the caller foretells: how far what is at (x, y) moves from the picture before, in columns and rows [px].
 pub(super) type Foretold<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
@@ -30,7 +38,8 @@ impl Boundaries {
         self.tracker.reset();
         self.turns = Some(Turns::new(self.tracker.clone()));
         self.held = Held::default();
-        self.others = 0;
+        (self.others, self.unclear) = (0, 0);
+        self.shown_last = [self.taken; FRAMES];
     }
 
     /// Tracks the edges of a picture of which pattern `said` is said to be shown; `by` is how many pictures after the one before and what is foretold, `None` without one.
@@ -75,27 +84,18 @@ impl Boundaries {
                 off = self.tracker.align(edges, told);
             }
         }
-        let instead = self.tracker.agreement(edges).instead_of(told);
-        if let Some(instead) = instead {
-            let fault = match &self.recorded {
-                Some(_) => format!(
-                    "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
-                ),
-                None => format!(
-                    "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
-                ),
-            };
-            self.note("dropped", time, &fault);
-        }
-        self.others = if instead.is_some() { self.others + 1 } else { 0 };
-        if let Some(instead) = instead.filter(|_| self.others > MOST_OTHERS) {
-            // From here on the pictures are so many ahead.
-            self.ahead = (self.ahead + instead + FRAMES - told) % FRAMES;
-            self.others = 0;
-        }
-        self.tracker.update(edges, instead.unwrap_or(told));
+        let agreement = self.tracker.agreement(edges);
+        let shows = agreement.shows(told);
+        let Some(shown) = shows.picture(told) else { return self.lose_track(edges, told, &agreement, time, off) };
+        // What is between two pictures says nothing of one that was passed over.
+        let was_unclear = std::mem::take(&mut self.unclear) > 0;
+        self.note_other(shows, told, time);
+        self.tracker.update(edges, shown);
+        self.taken += 1;
+        self.shown_last[shown] = self.taken;
         let lines = lines(&self.tracker);
-        self.held.take(&self.tracker, &lines);
+        let one = Held::of(&self.tracker, &lines);
+        self.held.take(one);
         if self.held.known >= LEAST_KNOWN && self.held.share() < LEAST_HELD {
             let fault = format!(
                 "found {:.0} % of the boundaries that are known confirmed by their neighbours, expected {:.0} % at least: pictures are other ones than is said, or move too fast; begins anew",
@@ -103,13 +103,78 @@ impl Boundaries {
                 100.0 * LEAST_HELD
             );
             self.note("doubt", time, &fault);
-            self.begin_anew();
-            if let Some(turns) = &mut self.turns {
-                turns.update(edges, told);
-            }
+            self.begin_with(edges, told);
             return Followed { lines: None, off };
         }
-        Followed { lines: Some(lines), off }
+        Followed { lines: (self.borne_out(one, time) && !was_unclear).then_some(lines), off }
+    }
+
+    /// Forgets all tracks, and begins with a picture.
+    fn begin_with(&mut self, edges: &Edges, told: usize) {
+        self.begin_anew();
+        if let Some(turns) = &mut self.turns {
+            turns.update(edges, told);
+        }
+    }
+
+    /// A picture that is none of the four for the boundaries that are known: it is passed over, and where the next one is no better, all begins anew with that.
+    fn lose_track(&mut self, edges: &Edges, told: usize, agreement: &Agreement, time: Time, off: f32) -> Followed {
+        let most = agreement.fits.iter().max().copied().unwrap_or(0);
+        let fault = format!(
+            "{most} of {} boundaries that are known fit the pattern that suits them best, expected most, and few any other: what the camera sees has jumped, moves too fast, or is in another light",
+            agreement.n
+        );
+        self.note("unclear", time, &fault);
+        self.unclear += 1;
+        if self.unclear > MOST_UNCLEAR {
+            self.begin_with(edges, told);
+        }
+        Followed { lines: None, off }
+    }
+
+    /// Notes that another pattern is shown than was told; after some in a row pictures are taken to be so many ahead.
+    fn note_other(&mut self, shows: Shows, told: usize, time: Time) {
+        let Shows::Instead(instead) = shows else {
+            self.others = 0;
+            return;
+        };
+        let fault = match &self.recorded {
+            Some(_) => format!(
+                "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
+            ),
+            None => format!(
+                "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
+            ),
+        };
+        self.note("dropped", time, &fault);
+        self.others += 1;
+        if self.others > MOST_OTHERS {
+            self.ahead = (self.ahead + instead + FRAMES - told) % FRAMES;
+            self.others = 0;
+        }
+    }
+
+    /// Whether what is known of a picture may be given: most of it holds against its neighbours, and each of the four patterns had its say of late.
+    fn borne_out(&mut self, one: Held, time: Time) -> bool {
+        if one.known >= LEAST_IN_ONE && one.share() < LEAST_HELD_IN_ONE {
+            let fault = format!(
+                "found {:.0} % of the boundaries that are known in a picture confirmed by their neighbours, expected {:.0} % at least: the others are as doubtful",
+                100.0 * one.share(),
+                100.0 * LEAST_HELD_IN_ONE
+            );
+            self.note("picture", time, &fault);
+            return false;
+        }
+        let (stale, last) = self.shown_last.iter().enumerate().min_by_key(|it| it.1).map_or((0, 0), |it| (it.0, *it.1));
+        let unseen = self.taken - last;
+        if unseen >= MOST_UNSEEN {
+            let fault = format!(
+                "pattern {stale} has not been seen for {unseen} pictures, expected each of the four in turn: boundaries are not borne out without it. Does the projector show all four, and the camera take each?"
+            );
+            self.note("stale", time, &fault);
+            return false;
+        }
+        true
     }
 
     /// Goes on with pictures that are `ahead` of what was taken for said; false where a rig states another first picture.

@@ -11,11 +11,13 @@ use serde::{Deserialize, Serialize};
 pub struct BoundariesSettings {
     /// The projector's name in the calibration [–]
     pub projector: String,
-    /// Width of a stripe of a recording, which is read where nothing is connected to `shown`, and has to say it: its pictures show the four patterns one after the other [px]
+    /// Of a recording, which is read where nothing is connected to `shown`: the `patterns.toml` that `foveate patterns` wrote, or the folder that it lies in. Its pictures show these four patterns one after the other [–]
+    pub patterns: Option<String>,
+    /// Width of a stripe of a recording, which `patterns` or this has to say [px]
     #[schemars(range(min = 2, max = 1024))]
     pub stripe_px: Option<u32>,
-    /// What the stripes of a recording tell: `columns` or `rows` of the projector [–]
-    pub stripes: String,
+    /// What the stripes of a recording tell: `columns` or `rows` of the projector; as `patterns` says, or columns, unless set [–]
+    pub stripes: Option<String>,
     /// Which of the four patterns the first picture of a recording shows: found from the pictures unless set, and held against them if it is [–]
     #[schemars(range(min = 0, max = 3))]
     pub first_shows: Option<u32>,
@@ -57,8 +59,9 @@ impl Default for BoundariesSettings {
     fn default() -> Self {
         Self {
             projector: crate::pattern::default_projector(),
+            patterns: None,
             stripe_px: None,
-            stripes: "columns".to_owned(),
+            stripes: None,
             first_shows: None,
             latency_ms: 30.0,
             exposure_ms: 4.0,
@@ -82,9 +85,8 @@ impl BoundariesSettings {
         if let Some(it) = self.stripe_px {
             ConfigError::unless_in("stripe_px", it, 2..=1024)?;
         }
-        if !["columns", "rows"].contains(&self.stripes.as_str()) {
-            let message = format!("found `{}`, expected `columns` or `rows`", self.stripes);
-            return Err(ConfigError::at("stripes", message));
+        if let Some(it) = self.stripes.as_ref().filter(|it| !["columns", "rows"].contains(&it.as_str())) {
+            return Err(ConfigError::at("stripes", format!("found `{it}`, expected `columns` or `rows`")));
         }
         if let Some(it) = self.first_shows {
             ConfigError::unless_in("first_shows", it, 0..=FRAMES as u32 - 1)?;

@@ -1,5 +1,7 @@
 //! A wall that comes nearer under a boundary code, and everything that can go wrong with it.
 
+use std::fs;
+
 use foveate::imaging::stripes::code::Group;
 use foveate::imaging::stripes::pattern::picture;
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
@@ -296,6 +298,54 @@ fn a_recording_is_read_whichever_pattern_its_first_picture_shows() {
 }
 
 #[test]
+fn a_recording_is_read_by_the_file_that_was_written_with_its_patterns() {
+    let folder = tempfile::tempdir().unwrap();
+    let pattern = PatternSettings {
+        projector_px: [1024, 768],
+        code: crate::pattern::Code::Boundary,
+        stripe_px: STRIPE,
+        ..PatternSettings::default()
+    };
+    let written = |pattern: &PatternSettings| {
+        fs::write(folder.path().join("patterns.toml"), toml::to_string(pattern).unwrap()).unwrap();
+    };
+    let of = |settings: BoundariesSettings| {
+        let patterns = Some(folder.path().display().to_string());
+        NodeBench::<Boundaries>::with_setup(BoundariesSettings { patterns, ..settings }, &setup(&["image"]))
+    };
+    written(&pattern);
+    let code = pattern.stripe_code(None).unwrap();
+    let mut bench = of(near()).unwrap();
+    for number in 0..10 {
+        bench.feed(&IMAGE, time(number), seen(number, number % 4, 1.0, &code)).unwrap();
+    }
+    for map in bench.outputs(&MAP) {
+        let (n, wrong, _) = judge(&map.value, (0..10).find(|it| time(*it) == map.time()).unwrap());
+        assert!(n > 5_000 && wrong * 1000 <= n, "{n} pixels, {wrong} wrong");
+    }
+    assert!(bench.finish().unwrap().remarks.is_empty());
+    let refused =
+        |settings: BoundariesSettings| of(settings).err().map(|it| (it.setting.unwrap_or_default(), it.message));
+    for (settings, setting, words) in [
+        (BoundariesSettings { stripe_px: Some(8), ..near() }, "stripe_px", "found 8, expected 16 as `"),
+        (BoundariesSettings { stripes: Some("rows".into()), ..near() }, "stripes", "found rows, expected columns as `"),
+    ] {
+        let (found, said) = refused(settings).unwrap();
+        assert!(found == setting && said.contains(words), "{found}: {said}");
+    }
+    for (pattern, words) in [
+        (PatternSettings { code: crate::pattern::Code::Gray, ..pattern.clone() }, "is of a static code"),
+        (PatternSettings { projector_px: [800, 600], ..pattern }, "found 800 x 600 px, expected 1024 x 768 px"),
+    ] {
+        written(&pattern);
+        let (found, said) = refused(near()).unwrap();
+        assert!(found == "patterns" && said.contains(words), "{found}: {said}");
+    }
+    fs::remove_file(folder.path().join("patterns.toml")).unwrap();
+    assert!(refused(near()).unwrap().1.contains("cannot be read"));
+}
+
+#[test]
 fn a_wrong_first_picture_of_a_recording_is_refused_with_the_right_one() {
     for wrong in [0, 1, 3] {
         let (maps, report) = read(Some(wrong), 0, None);
@@ -326,7 +376,7 @@ fn settings_out_of_range_are_refused() {
     assert_eq!(refused(BoundariesSettings { threads: 0, ..near() }).as_deref(), Some("threads"));
     assert_eq!(refused(BoundariesSettings { first_shows: Some(4), ..near() }).as_deref(), Some("first_shows"));
     assert_eq!(refused(BoundariesSettings { stripe_px: Some(1), ..near() }).as_deref(), Some("stripe_px"));
-    assert_eq!(refused(BoundariesSettings { stripes: "both".into(), ..near() }).as_deref(), Some("stripes"));
+    assert_eq!(refused(BoundariesSettings { stripes: Some("both".into()), ..near() }).as_deref(), Some("stripes"));
     assert_eq!(refused(near()).as_deref(), Some("stripe_px"), "a recording, whose width nobody says");
 }
 

@@ -174,6 +174,7 @@ fn order(row: &[Line], at: usize, pitch: f32) -> (usize, usize) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::agreement::Shows;
     use super::super::design::FRAMES;
     use super::super::detect::{DetectOptions, detect};
     use super::super::scene::{STRIPE, Scene};
@@ -232,9 +233,14 @@ mod tests {
             let off = foretold(picture);
             tracker.predict(passed, &|_, _| [off, 0.0]);
             tracker.align(&edges, told);
-            let instead = tracker.agreement(&edges).instead_of(told);
-            n_instead += usize::from(instead.is_some());
-            tracker.update(&edges, instead.unwrap_or(told));
+            let shows = tracker.agreement(&edges).shows(told);
+            n_instead += usize::from(matches!(shows, Shows::Instead(_)));
+            let Some(shown) = shows.picture(told) else {
+                tracker.reset();
+                last = None;
+                continue;
+            };
+            tracker.update(&edges, shown);
             let lines = lines(&tracker);
             if picture > 8 && last == Some(picture - 1) {
                 let before = judged.found - judged.wrong;

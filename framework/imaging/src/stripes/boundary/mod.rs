@@ -5,6 +5,7 @@
 //! | [`design`] | which stripe is lit in which of the four pictures |
 //! | [`detect`] | edges of light along the rows of one picture |
 //! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
+//! | [`agreement`] | which of the four pictures known tracks say it is |
 //! | `adopt` | new tracks get their numbers from known ones around them |
 //! | `sliding` | how a surface goes through the stripes, and where boundaries on it are next |
 //! | `common` | what errors of a head's pose move all tracks by |
@@ -17,6 +18,7 @@
 //! Source: O. Hall-Holt, S. Rusinkiewicz, "Stripe boundary codes for real-time structured-light range scanning of moving objects", ICCV 2001.
 
 mod adopt;
+pub mod agreement;
 mod common;
 pub mod decode;
 pub mod design;
@@ -27,8 +29,9 @@ mod sliding;
 pub mod track;
 pub mod turn;
 
+pub use agreement::{Agreement, Shows};
 pub use decode::{Line, lines};
 pub use design::{BoundaryCode, FRAMES, Look};
 pub use detect::{DetectOptions, Edge, Edges, detect};
-pub use track::{Agreement, TrackOptions, Tracker};
+pub use track::{TrackOptions, Tracker};
 pub use turn::{Held, Turns};

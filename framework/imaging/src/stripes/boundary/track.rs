@@ -11,7 +11,7 @@
 //! 6. A surface that goes through the stripes makes boundaries faster and slower; known tracks say how, before the next picture (`sliding`).
 //! 7. What errors of a head's pose move in common is taken off before tracks are matched ([`Tracker::align`]).
 //!
-//! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Tracker::agreement`]).
+//! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Agreement`](super::Agreement)).
 
 use std::collections::VecDeque;
 
@@ -121,31 +121,6 @@ impl Track {
     /// Pictures that fitted.
     pub fn run(&self) -> u32 {
         self.run
-    }
-}
-
-/// What known tracks say of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Agreement {
-    /// Known tracks that could be compared.
-    pub n: usize,
-    /// By picture of the code: how many of them look as they would in it.
-    pub fits: [usize; FRAMES],
-}
-
-/// Known tracks from which on they say which picture is shown.
-const LEAST_KNOWN: usize = 50;
-/// The told picture is not the one shown where fewer than this fit …
-const FEW: f64 = 0.5;
-/// … and more than this fit another.
-const MOST: f64 = 0.7;
-
-impl Agreement {
-    /// The picture that is shown instead of `told`, where that is certain.
-    pub fn instead_of(&self, told: usize) -> Option<usize> {
-        let share = |frame: usize| self.fits[frame % FRAMES] as f64 / self.n.max(1) as f64;
-        let best = (0..FRAMES).max_by_key(|it| self.fits[*it])?;
-        (self.n >= LEAST_KNOWN && share(told) < FEW && share(best) > MOST).then_some(best)
     }
 }
 
@@ -294,30 +269,6 @@ impl Tracker {
         by
     }
 
-    /// How the edges of a picture agree with what tracks that are known look like in each picture of the code; between [`Self::predict`] and [`Self::update`].
-    pub fn agreement(&self, edges: &Edges) -> Agreement {
-        let code = BoundaryCode::get();
-        let pitch = self.options.known_reach * self.options.pitch;
-        let mut found = Agreement::default();
-        for (tracks, edges) in self.rows.iter().zip(&edges.rows) {
-            for track in tracks {
-                let Some(number) = track.number() else { continue };
-                let reach = pitch;
-                let after = edges.partition_point(|it| it.x < track.now.x);
-                let near = edges[after.saturating_sub(1)..(after + 1).min(edges.len())].iter();
-                let near = near.filter(|it| (it.x - track.now.x).abs() <= reach);
-                let nearest = near.min_by(|a, b| (a.x - track.now.x).abs().total_cmp(&(b.x - track.now.x).abs()));
-                let look = nearest.map(look_of);
-                found.n += 1;
-                for (frame, fits) in found.fits.iter_mut().enumerate() {
-                    let expected = code.look(number, frame);
-                    *fits += usize::from(look.map_or(!expected.shows(), |it| it == expected));
-                }
-            }
-        }
-        found
-    }
-
     /// Takes up the edges of a picture that shows picture `frame` of the code.
     pub fn update(&mut self, edges: &Edges, frame: usize) {
         let options = self.options;
@@ -369,7 +320,7 @@ fn nearest_known(tracks: &[Track], x: f32, reach: f32) -> Option<(f32, f32)> {
     known.map(|it| ((it.now.x - x).abs(), it.velocity)).filter(|it| it.0 <= reach).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-fn look_of(edge: &Edge) -> Look {
+pub(super) fn look_of(edge: &Edge) -> Look {
     if edge.is_rising { Look::Rising } else { Look::Falling }
 }
 

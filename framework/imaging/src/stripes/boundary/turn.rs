@@ -29,10 +29,15 @@ pub struct Held {
 }
 
 impl Held {
-    /// Takes up a picture: its tracks, and the boundaries of them that hold.
-    pub fn take(&mut self, tracker: &Tracker, lines: &[Vec<Line>]) {
-        self.known = FADES * self.known + known(tracker) as f32;
-        self.confirmed = FADES * self.confirmed + lines.iter().map(Vec::len).sum::<usize>() as f32;
+    /// Of one picture: its tracks, and the boundaries of them that hold.
+    pub fn of(tracker: &Tracker, lines: &[Vec<Line>]) -> Held {
+        Held { known: known(tracker) as f32, confirmed: lines.iter().map(Vec::len).sum::<usize>() as f32 }
+    }
+
+    /// Takes up a picture.
+    pub fn take(&mut self, one: Held) {
+        self.known = FADES * self.known + one.known;
+        self.confirmed = FADES * self.confirmed + one.confirmed;
     }
 
     /// Part of what is known that holds [–].
@@ -78,7 +83,7 @@ impl Turns {
     pub fn update(&mut self, edges: &Edges, told: usize) {
         for (ahead, (tracker, held)) in self.trackers.iter_mut().zip(&mut self.held).enumerate() {
             tracker.update(edges, (told + ahead) % FRAMES);
-            held.take(tracker, &lines(tracker));
+            held.take(Held::of(tracker, &lines(tracker)));
         }
     }
 
