@@ -4,6 +4,7 @@
 //! 2. Where something changed during the set, nothing is decoded.
 //! 3. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
 
+mod creep;
 mod words;
 
 use std::borrow::Cow;
@@ -16,11 +17,12 @@ use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::{DecodeOptions, Decoded, decode_into};
 use foveate::imaging::stripes::phase::{PhaseOptions, Steps};
 use foveate::imaging::stripes::steady::Steadied;
-use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, SetFault, edges, examine, phase, response};
+use foveate::imaging::stripes::{Coordinates, EdgeOptions, Prepared, edges, examine, phase, response};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::creep::{crept, has_moved};
 use self::words::{
     crept_in_words, exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words, out_of_focus_in_words,
     soft_in_words, steps_in_words, too_fine_in_words,
@@ -309,7 +311,18 @@ impl Decoder {
         let views: Vec<ImageView<'_>> = kept.iter().map(|it| views[*it]).collect();
         let is_unreadable = |it: &usize| set.unreadable.iter().any(|at| *at as usize == *it);
         let unreadable: Vec<usize> = (0..kept.len()).filter(|it| is_unreadable(&kept[*it])).collect();
-        let found = examine(&code, &views, &unreadable, self.settings.min_contrast);
+        let min_contrast = self.settings.min_contrast;
+        let found = examine(&code, &views, &unreadable, min_contrast);
+        // What crept far looks like a scene that changed.
+        let early = if has_moved(&found) { crept(&code, &views, min_contrast) } else { None };
+        let (views, found) = match &early {
+            Some((_, steadied)) => {
+                let steady = views_of(&steadied.pictures, [width, height]).map_err(one)?;
+                let found = examine(&code, &steady, &unreadable, min_contrast);
+                (steady, found)
+            }
+            None => (views, found),
+        };
         let name = |it: usize| {
             let name = kept.get(it).and_then(|it| set.names.get(*it));
             name.map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"))
@@ -331,7 +344,7 @@ impl Decoder {
         };
         if axes.is_empty() {
             // Of pictures that could not be told at all nothing lacks in particular.
-            let moved = found.faults.iter().any(|it| matches!(it, SetFault::Moved { .. }));
+            let moved = has_moved(&found);
             let left_out =
                 Axis::BOTH.into_iter().filter(|it| moved && code.has(*it)).map(|axis| (axis, for_want(axis)));
             let words = left_out.filter(|it| !it.1.is_empty());
@@ -364,12 +377,19 @@ impl Decoder {
         }
         self.worked_out = worked_out;
         let seen = views_of(&pictures, [width, height]).map_err(one)?;
-        let drift = drift(&code, &seen, self.settings.min_contrast);
-        let crept = drift.as_ref().filter(|it| it.creeps);
-        let steadied = crept.and_then(|it| Steadied::of(&code, &seen, it, self.settings.min_contrast));
+        let is_early = early.is_some();
+        let (drift, steadied) = match &early {
+            Some((drift, steadied)) => (Some(drift.clone()), Some(Cow::Borrowed(steadied))),
+            None => {
+                let drift = drift(&code, &seen, min_contrast);
+                let crept = drift.as_ref().filter(|it| it.creeps());
+                let steadied = crept.and_then(|it| Steadied::of(&code, &seen, it, min_contrast));
+                (drift, steadied.map(Cow::Owned))
+            }
+        };
         let pictures: Vec<Cow<'_, [u8]>> = match &steadied {
-            Some(steadied) => steadied.pictures.iter().map(|it| Cow::Borrowed(it.as_slice())).collect(),
-            None => pictures,
+            Some(steadied) if !is_early => steadied.pictures.iter().map(|it| Cow::Borrowed(it.as_slice())).collect(),
+            _ => pictures,
         };
         let views = views_of(&pictures, [width, height]).map_err(one)?;
         let changed = Some(Blocks::of(&code, &views, CHANGE)).filter(|it| it.share() > 0.0);
@@ -406,7 +426,7 @@ impl Decoder {
             let names = [drift.last, drift.first]
                 .map(|it| place(it).and_then(|it| found.picture_at(it)).map_or_else(|| told[it].to_string(), name));
             faults.push(match &steadied {
-                Some(steadied) => crept_in_words(&names, steadied.by.norm(), steadied.sigma.norm()),
+                Some(steadied) => crept_in_words(&names, steadied),
                 None => moved_a_little_in_words(&names, drift.by.norm()),
             });
         }
@@ -583,8 +603,8 @@ fn of_set(set: &PatternPictures, fault: String) -> String {
 }
 
 /// Views of pictures of one size.
-fn views_of<'a>(pictures: &'a [Cow<'_, [u8]>], [width, height]: [usize; 2]) -> Result<Vec<ImageView<'a>>, String> {
-    pictures.iter().map(|it| ImageView::new(it, width, height).map_err(|fault| fault.to_string())).collect()
+fn views_of<T: AsRef<[u8]>>(pictures: &[T], [width, height]: [usize; 2]) -> Result<Vec<ImageView<'_>>, String> {
+    pictures.iter().map(|it| ImageView::new(it.as_ref(), width, height).map_err(|fault| fault.to_string())).collect()
 }
 
 /// By pixel the brightest of all pictures.

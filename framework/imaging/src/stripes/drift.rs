@@ -2,14 +2,17 @@
 //!
 //! A bit and its inverse add up to the scene under full light; so do white and black, and two phase steps half a period apart. Such a sum S of a scene R that lies d pixels elsewhere is a R + c − ∇R · d: colours and
 //! shades of the surface tell d by least squares over all pixels, far finer than a pixel. Sums in the order of their pictures scatter about one d as long as nothing moves, about two where something did once, and about a line
-//! where something creeps all the time. Scenes without colours or edges say nothing.
+//! where something creeps all the time, about any way where it creeps unevenly ([`way`](super::way)). Scenes without colours or edges say nothing.
 //!
 //! Source: B. Lucas, T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI 1981.
+
+use std::borrow::Cow;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::Coordinates;
 use super::code::{Axis, Inverse, Shown, StripeCode};
+use super::way::{Creep, Way, evenly};
 use crate::ImageView;
 
 /// Pixels that tell it, at first, at most and at least.
@@ -35,6 +38,10 @@ const SIGMAS: f64 = 7.0;
 const SURE: f64 = 4.0;
 /// A scene creeps where sums lie nearer to a place that moves evenly than to two that stand, by this factor: of one that moved once in the middle they lie farther away [–].
 const STEADY: f64 = 0.8;
+/// A scene goes its own way where sums lie farther from an even creep, and from two places, than noise of the sums explains, by this factor: by noise alone both lie 0.8 to 1.2 times as far [–] …
+const OFF: f64 = 1.6;
+/// … and where its way explains that: what is left about it is no more than this part of the less of both [–].
+const FOLLOWED: f64 = 0.6;
 /// A surface that colours place no better than this says nothing, standard deviation of one sum [px].
 const KNOWN: f64 = 0.1;
 
@@ -45,13 +52,31 @@ pub struct Drift {
     pub last: usize,
     /// A picture after it.
     pub first: usize,
-    /// Whether it moved all the time from the one to the other, by as much from each picture to the next, rather than once between the two.
-    pub creeps: bool,
-    /// By how much the scene moved along rows and columns of the picture [px].
+    /// How it went from the one to the other.
+    pub pace: Pace,
+    /// By how much the scene moved along rows and columns of the picture, from the one to the other [px].
     pub by: Vector2<f64>,
+    /// Where it lies in each picture of the set, from where it lies in the first [px]; none of one that moved once.
+    pub(super) way: Vec<Vector2<f64>>,
+}
+
+/// How a scene moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Once.
+    Once,
+    /// All the time, by as much from each picture to the next.
+    Even,
+    /// All the time, there and back, or faster and slower.
+    Uneven,
 }
 
 impl Drift {
+    /// Whether it moved all the time rather than once.
+    pub fn creeps(&self) -> bool {
+        self.pace != Pace::Once
+    }
+
     /// Makes coordinates as vague as a move that came once makes them: of the place before or the one after, whichever is asked for, they are evenly spread from right to off by all of the move.
     pub fn widen(&self, coordinates: &mut Coordinates) {
         widen(coordinates, self.by / 3_f64.sqrt());
@@ -97,7 +122,7 @@ pub(super) fn widen(coordinates: &mut Coordinates, by: Vector2<f64>) {
 pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> Option<Drift> {
     let sums = Sums::of(code, pictures)?;
     let Sums { pairs, lit } = &sums;
-    let mut samples = Samples::new(pictures, pairs, *lit, min_contrast)?;
+    let mut samples = Samples::new(pictures, pairs, [&lit[0], &lit[1]], min_contrast)?;
     // Of most sets few pixels say that nothing moved; only where they do not, many are asked.
     samples.gather(FEW_SAMPLES);
     if samples.len() >= MIN_SAMPLES && is_surely_still(&samples.places()?) {
@@ -114,31 +139,43 @@ pub fn drift(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) ->
     let split = best_split(&places)?;
     let ends = sums.ends()?;
     let creep = Creep::of(pairs, &places, ends);
+    let way = Way::of(pairs, &places, pictures.len());
+    let once = scatter_of_once(pairs, &places).unwrap_or(split.scatter).min(split.scatter);
+    let least = creep.as_ref().map_or(once, |it| it.scatter.min(once));
+    if let Some(way) = way
+        && least > OFF * way.noise
+        && way.scatter < FOLLOWED * least
+        && is_told(&way.reach(), way.noise, way.noise / 2.0)
+    {
+        let by = way.places[ends[1]] - way.places[ends[0]];
+        return Some(Drift { last: ends[0], first: ends[1], pace: Pace::Uneven, by, way: way.places });
+    }
     if let Some(Creep { by, .. }) =
         creep.filter(|it| is_told(&it.by, it.scatter, it.sigma) && it.scatter < STEADY * split.scatter)
     {
-        return Some(Drift { last: ends[0], first: ends[1], creeps: true, by });
+        let way = evenly(by, ends, pictures.len());
+        return Some(Drift { last: ends[0], first: ends[1], pace: Pace::Even, by, way });
     }
     // Sums of steps reach from the first half of the steps into the second: what moved among these lies between.
     let first = pairs[split.at][0];
     let last = pairs[..split.at].iter().map(|it| it[0]).max()?;
-    is_told(&split.by, split.scatter, split.sigma).then_some(Drift { last, first, creeps: false, by: split.by })
+    let once = Drift { last, first, pace: Pace::Once, by: split.by, way: Vec::new() };
+    is_told(&split.by, split.scatter, split.sigma).then_some(once)
 }
 
 /// Pictures of a set that add up to the scene under full light.
 pub(super) struct Sums<'a> {
     /// Places of two pictures each, in the order of the first ones.
     pub pairs: Vec<[usize; 2]>,
-    /// White and black.
-    lit: [&'a [u8]; 2],
+    /// White and black, or what is as good where one of them lacks.
+    lit: [Cow<'a, [u8]>; 2],
 }
 
 impl<'a> Sums<'a> {
-    /// `None` where there are too few, or white or black lacks.
+    /// `None` where there are too few.
     pub fn of(code: &StripeCode, pictures: &[ImageView<'a>]) -> Option<Sums<'a>> {
         let shown = code.pictures();
         let picture = |what: Shown| shown.iter().position(|it| *it == what).filter(|it| *it < pictures.len());
-        let lit = [pictures[picture(Shown::White)?].pixels(), pictures[picture(Shown::Black)?].pixels()];
         let mut pairs: Vec<[usize; 2]> = Vec::new();
         let mut add = |a: Shown, b: Shown| pairs.extend(picture(a).zip(picture(b)).map(|(a, b)| [a.min(b), a.max(b)]));
         for axis in Axis::BOTH.into_iter().filter(|it| code.has(*it)) {
@@ -154,7 +191,20 @@ impl<'a> Sums<'a> {
         }
         add(Shown::White, Shown::Black);
         pairs.sort_unstable();
-        (pairs.len() >= 2 * MIN_SUMS).then_some(Sums { pairs, lit })
+        if pairs.len() < 2 * MIN_SUMS {
+            return None;
+        }
+        let lit = match picture(Shown::White).zip(picture(Shown::Black)) {
+            Some((white, black)) => [white, black].map(|it| Cow::Borrowed(pictures[it].pixels())),
+            None => [u8::max, u8::min].map(|of| {
+                let mut all = pictures[pairs[0][0]].pixels().to_vec();
+                for it in pairs.iter().flatten() {
+                    all.iter_mut().zip(pictures[*it].pixels()).for_each(|(to, it)| *to = of(*to, *it));
+                }
+                Cow::Owned(all)
+            }),
+        };
+        Some(Sums { pairs, lit })
     }
 
     /// The first and the last picture of all of them.
@@ -162,42 +212,18 @@ impl<'a> Sums<'a> {
         Some([self.pairs.first()?[0], self.pairs.iter().map(|it| it[1]).max()?])
     }
 
-    /// How all of the scene moves evenly from the first picture to the last.
-    pub fn creep(&self, pictures: &[ImageView<'_>], min_contrast: u8) -> Option<Creep> {
-        let mut samples = Samples::new(pictures, &self.pairs, self.lit, min_contrast)?;
+    /// Where the scene lies in each picture, from where it lies in the first, and how sums scatter about that [px], if it moves at `pace`.
+    pub fn way(&self, pictures: &[ImageView<'_>], min_contrast: u8, pace: Pace) -> Option<(Vec<Vector2<f64>>, f64)> {
+        let mut samples = Samples::new(pictures, &self.pairs, [&self.lit[0], &self.lit[1]], min_contrast)?;
         samples.gather(SAMPLES);
         if samples.len() < MIN_SAMPLES {
             return None;
         }
-        Creep::of(&self.pairs, &samples.places()?, self.ends()?)
-    }
-}
-
-/// Sums about a place that moves evenly from picture to picture.
-pub(super) struct Creep {
-    /// From the first picture to the last [px].
-    pub by: Vector2<f64>,
-    /// Of the sums about it, standard deviation [px].
-    pub scatter: f64,
-    /// Of `by`, by that scatter [px].
-    sigma: f64,
-}
-
-impl Creep {
-    /// `None` where sums are all of one moment.
-    fn of(pairs: &[[usize; 2]], places: &[Vector2<f64>], [first, last]: [usize; 2]) -> Option<Creep> {
-        let n = places.len() as f64;
-        // A sum is of the moment in the middle between its two pictures.
-        let times: Vec<f64> = pairs.iter().map(|[a, b]| (a + b) as f64 / 2.0).collect();
-        let middle = times.iter().sum::<f64>() / n;
-        let mean = places.iter().sum::<Vector2<f64>>() / n;
-        let power: f64 = times.iter().map(|it| (it - middle).powi(2)).sum();
-        let product: Vector2<f64> = times.iter().zip(places).map(|(time, it)| (it - mean) * (time - middle)).sum();
-        let a_picture = product / power;
-        let off = times.iter().zip(places).map(|(time, it)| (it - mean - a_picture * (time - middle)).norm_squared());
-        let scatter = (off.sum::<f64>() / (n - 2.0)).sqrt();
-        let range = (last - first) as f64;
-        (power > 0.0).then(|| Creep { by: a_picture * range, scatter, sigma: scatter * range / power.sqrt() })
+        let (places, ends, n) = (samples.places()?, self.ends()?, pictures.len());
+        if pace == Pace::Uneven {
+            return Way::of(&self.pairs, &places, n).map(|it| (it.places, it.noise));
+        }
+        Creep::of(&self.pairs, &places, ends).map(|it| (evenly(it.by, ends, n), it.scatter))
     }
 }
 
@@ -227,6 +253,25 @@ fn splits(places: &[Vector2<f64>]) -> impl Iterator<Item = Split> {
 /// The split that leaves least scatter.
 fn best_split(places: &[Vector2<f64>]) -> Option<Split> {
     splits(places).min_by(|a, b| a.scatter.total_cmp(&b.scatter))
+}
+
+/// How sums scatter about a place before and one after a move that came once, at the picture where that is least: sums of a picture before it and one after it lie between, and count for nothing [px].
+fn scatter_of_once(pairs: &[[usize; 2]], places: &[Vector2<f64>]) -> Option<f64> {
+    let last = pairs.iter().map(|it| it[1]).max()?;
+    let scatter = |first: usize| {
+        let part = |is_in: &dyn Fn(&[usize; 2]) -> bool| -> Vec<Vector2<f64>> {
+            pairs.iter().zip(places).filter(|it| is_in(it.0)).map(|it| *it.1).collect()
+        };
+        let parts = [part(&|it| it[1] < first), part(&|it| it[0] >= first)];
+        let n = parts[0].len() + parts[1].len();
+        let squares = |of: &Vec<Vector2<f64>>| {
+            let mean = of.iter().sum::<Vector2<f64>>() / of.len() as f64;
+            of.iter().map(|it| (it - mean).norm_squared()).sum::<f64>()
+        };
+        let is_told = parts.iter().all(|it| it.len() >= MIN_SUMS) && 3 * n >= 2 * pairs.len();
+        is_told.then(|| ((squares(&parts[0]) + squares(&parts[1])) / (n as f64 - 2.0)).sqrt())
+    };
+    (1..=last).filter_map(scatter).min_by(f64::total_cmp)
 }
 
 /// Whether no split can be a move, and nothing creeps, whatever more pixels would say: what creeps by so much over a set moves by half of it from the middle of its first half to that of the second.
@@ -386,7 +431,8 @@ mod tests {
             sigmas: [vec![0.1; 200], Vec::new()],
             ..Coordinates::default()
         };
-        Drift { last: 3, first: 4, creeps: false, by: Vector2::new(0.3, 0.0) }.widen(&mut coordinates);
+        Drift { last: 3, first: 4, pace: Pace::Once, by: Vector2::new(0.3, 0.0), way: Vec::new() }
+            .widen(&mut coordinates);
         let expected = 0.1_f32.hypot(0.6 / 3_f32.sqrt());
         let is_known = (0..200).filter(|it| *it != 45);
         assert!(is_known.clone().all(|it| (coordinates.sigmas[0][it] - expected).abs() < 1e-4));
@@ -413,7 +459,7 @@ mod tests {
                     let range = 0.6 * by..1.15 * by + 0.03;
                     assert!(range.contains(&drift.by.norm()), "{from}, {by} px: {drift:?}");
                     assert!(
-                        !drift.creeps && drift.last < from + 4 && drift.first + 4 >= from,
+                        !drift.creeps() && drift.last < from + 4 && drift.first + 4 >= from,
                         "{from}, {by} px: {drift:?}"
                     );
                 }
@@ -456,7 +502,10 @@ mod tests {
                         pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
                     let found = drift(&code, &views, 12).unwrap_or_else(|| panic!("{n}, {expected} px, seed {seed}"));
                     let off = (found.by.norm() - expected).abs();
-                    assert!(found.creeps && off < 0.15 * expected + 0.05, "{n}, {expected} px, seed {seed}: {found:?}");
+                    assert!(
+                        found.pace == Pace::Even && off < 0.15 * expected + 0.05,
+                        "{n}, {expected} px, seed {seed}: {found:?}"
+                    );
                     assert_eq!([found.last, found.first], [0, n - 1]);
                 }
             }

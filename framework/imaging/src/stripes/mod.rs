@@ -45,6 +45,7 @@ mod scene;
 pub mod steady;
 mod stretches;
 mod wave_steps;
+mod way;
 
 pub use code::{Axis, Group, Inverse, Shown, StripeCode};
 pub use defocus::Defocus;

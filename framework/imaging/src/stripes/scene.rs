@@ -91,6 +91,11 @@ impl Scene {
         shown.iter().enumerate().map(picture_of).collect()
     }
 
+    /// Picture number `at` of a set alone.
+    pub(super) fn picture(&self, code: &StripeCode, at: usize) -> Vec<u8> {
+        self.seen(code, &self.samples(code), &picture(code, code.pictures()[at], 1.0), at as u64)
+    }
+
     /// Pixel by pixel.
     fn samples(&self, code: &StripeCode) -> Vec<Sample> {
         let [columns, rows] = code.projector.map(|it| it as usize);

@@ -148,3 +148,46 @@ fn a_camera_out_of_focus_is_told_where_colours_have_edges() {
     assert!(!told(0).contains("out of focus"), "{}", told(0));
     assert!(told(8).contains("blurred by a standard deviation of 2."), "{}", told(8));
 }
+
+/// The same of a surface with colours, each picture of which lies `way` of its part of the set farther to the right and half as far down [px].
+fn crept(code: &StripeCode, way: impl Fn(f64) -> f64) -> PatternPictures {
+    let still = set(code);
+    let [columns, rows] = code.projector.map(|it| it as usize);
+    let (width, n) = (columns * SCALE, still.names.len());
+    let mut random = foveate::estimation::random::Random::new(9);
+    let mut pixels = Vec::with_capacity(still.pixels.len());
+    for (number, it) in code.pictures().iter().enumerate() {
+        let shown = foveate::imaging::stripes::pattern::picture(code, *it, 1.0);
+        let by = way(number as f64 / (n - 1) as f64);
+        for at in 0..PIXELS {
+            let sample = |part: usize| {
+                let x = (at % width) as f64 + (part % 4) as f64 / 4.0 - 0.375 - by;
+                let y = (at / width) as f64 + (part / 4) as f64 / 4.0 - 0.375 - by / 2.0;
+                let place = |it: f64, n: usize| (((it + 0.5) / SCALE as f64).floor().max(0.0) as usize).min(n - 1);
+                let lit = f64::from(shown[place(y, rows) * columns + place(x, columns)]) / 255.0;
+                let colour = 0.6 + 0.25 * (x / 6.0 + 0.4 * (y / 9.0).cos()).sin() * (y / 7.0).cos();
+                20.0 + 190.0 * colour * lit
+            };
+            let level = (0..16).map(sample).sum::<f64>() / 16.0;
+            pixels.push((level + random.normal()).round().clamp(0.0, 255.0) as u8);
+        }
+    }
+    PatternPictures { pixels, ..still }
+}
+
+#[test]
+fn a_set_that_crept_far_is_decoded_as_its_first_picture_saw_it() {
+    let code = StripeCode::gray([64, 48]);
+    for (px, words) in [(0.6, "crept by 0.6"), (4.0, "crept by 4"), (5.0, "crept")] {
+        let (map, said) = run(crept(&code, |it| px * it));
+        assert!(said.contains(words), "{px} px: {said}");
+        let map = map.unwrap();
+        let mut off: Vec<f32> = (4..60)
+            .flat_map(|column| (4..44).map(move |row| (column, row)))
+            .map(|(column, row)| (at(&map, column, row)[0] - column as f32).abs())
+            .filter(|it| it.is_finite())
+            .collect();
+        off.sort_by(f32::total_cmp);
+        assert!(off.len() > 1500 && off[off.len() / 2] < 0.03, "{px} px: {} of {}", off[off.len() / 2], off.len());
+    }
+}

@@ -1,8 +1,10 @@
 //! What is said of sets of pictures that were decoded.
 
 use foveate::imaging::stripes::code::{Axis, StripeCode};
+use foveate::imaging::stripes::drift::Pace;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::phase::Steps;
+use foveate::imaging::stripes::steady::Steadied;
 
 /// Where the finest stripes are too fine in more than this part of what the projector lights, it is told [–].
 const TOLD_SHARE: f64 = 0.5;
@@ -70,10 +72,12 @@ pub(super) fn moved_a_little_in_words([last, first]: &[String; 2], px: f64) -> S
     )
 }
 
-/// What is said of a scene that creeps by `px` from the first of two pictures to the second, which is taken off but for a standard deviation of `sigma` px.
-pub(super) fn crept_in_words([first, last]: &[String; 2], px: f64, sigma: f64) -> String {
+/// What is said of a scene that creeps from the first of two pictures to the second, which is taken off but for a standard deviation.
+pub(super) fn crept_in_words([first, last]: &[String; 2], steadied: &Steadied) -> String {
+    let (px, sigma) = (steadied.reach().norm(), steadied.sigma.norm());
+    let how = if steadied.pace == Pace::Uneven { "unevenly, within" } else { "by" };
     format!(
-        "from {first} to {last} the scene crept by {px:.2} px in the picture: the camera, or what it sees, moved all the time. That is taken off, to {sigma:.2} px: places are those of {first}. What stands still is known better"
+        "from {first} to {last} the scene crept {how} {px:.2} px in the picture: the camera, or what it sees, moved all the time. That is taken off, to {sigma:.2} px: places are those of {first}. What stands still is known better"
     )
 }
 
