@@ -111,7 +111,6 @@ fn who_goes_about_and_bobs_is_foretold_in_both() {
         let goes = reaches(seed);
         let both = missed_in_parts(Way::Weighted, |it| [goes(it)[0], 0.0, 1.5 + bob(it)], |_, _, _| {});
         let level = missed_in_parts(Way::Weighted, |it| [goes(it)[0], 0.0, 1.5], |_, _, _| {})[0];
-        println!("level and upright {both:.4?}, level alone {level:.4} m");
         assert!(both[0] < 1.05 * level && both[1] < 0.006, "seed {seed}: {both:?} m, level alone {level} m");
     }
 }
