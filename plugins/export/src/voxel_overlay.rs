@@ -218,8 +218,16 @@ impl ExportVoxelOverlay {
         camera.camera_from_world *= voxels.world_from_scale;
         let mut canvas = Canvas::of(&image.pixels, image.width, image.format.channels(), 1, 1.0);
         tint(&mut canvas, image, &camera, voxels, self.settings.tint);
-        if let Some(silhouette) = silhouette.filter(|it| [it.width, it.height] == [image.width, image.height]) {
-            canvas.outline(|x, y| silhouette.is_body(x as usize, y as usize), OUTLINE);
+        if let Some(silhouette) = silhouette.filter(|it| it.window.shrink == image.window.shrink) {
+            // A silhouette may be of a part of the picture.
+            let place =
+                |it: foveate::messages::Window| [it.left, it.top].map(|it| i64::from(it / image.window.shrink.max(1)));
+            let [of, whole] = [silhouette.window, image.window].map(place);
+            let is_body = |x: i64, y: i64| {
+                let at = [x + whole[0] - of[0], y + whole[1] - of[1]].map(usize::try_from);
+                matches!(at, [Ok(x), Ok(y)] if silhouette.is_body(x, y))
+            };
+            canvas.outline(|x, y| is_body(i64::from(x), i64::from(y)), OUTLINE);
         }
         for skeleton in skeletons.iter().flat_map(|it| &it.list) {
             draw_bones(&mut canvas, image, &camera, skeleton);
@@ -320,9 +328,11 @@ mod tests {
         let mut bench = NodeBench::<ExportVoxelOverlay>::with_setup(settings, &setup).unwrap();
         let time = Time::from_s(1.0);
         let image = Image { width: 640, height: 480, pixels: vec![20; 640 * 480], ..Image::default() };
+        // Of a part of the picture, as of a camera on a head.
+        let window = foveate::messages::Window { left: 20, top: 60, shrink: 1 };
         let mut silhouette =
-            Silhouette { width: 640, height: 480, confidence: vec![0; 640 * 480], ..Silhouette::default() };
-        (100..110).for_each(|y| silhouette.confidence[y * 640 + 50..y * 640 + 60].fill(255));
+            Silhouette { width: 200, height: 150, window, confidence: vec![0; 200 * 150], ..Silhouette::default() };
+        (40..50).for_each(|y| silhouette.confidence[y * 200 + 30..y * 200 + 40].fill(255));
         // One voxel at the point that all cameras look at: the middle of the picture.
         let mut voxels =
             Voxels { time, size: 0.1, origin: Point3::new(-0.05, -0.05, 0.95), cells: [1; 3], ..Voxels::default() };

@@ -100,6 +100,8 @@ impl Default for CarverSettings {
 
 /// Poses of heads that wait for their silhouettes.
 const HELD_POSES: usize = 256;
+/// Sets of silhouettes that wait for the poses of their heads, at most.
+const MOST_WAITING: usize = 4;
 
 /// Silhouettes that were seen at one time in; voxels out, in the scale's space.
 ///
@@ -110,6 +112,8 @@ pub struct Carver {
     setup: Setup,
     spaces: Option<Spaces>,
     poses: VecDeque<Arc<HeadPose>>,
+    waiting: VecDeque<Vec<Stamped<Arc<Silhouette>>>>,
+    has_poses: bool,
     /// By camera that ever gave a silhouette.
     tally: BTreeMap<CameraId, CameraTally>,
     totals: Totals,
@@ -199,6 +203,8 @@ impl Node for Carver {
             spaces: Some(Spaces::new(&setup.scales)).filter(Spaces::is_moving),
             setup: setup.clone(),
             poses: VecDeque::new(),
+            waiting: VecDeque::new(),
+            has_poses: setup.is_connected(&POSES),
             tally: BTreeMap::new(),
             totals: Totals::default(),
             words: Words::new(settings.min_views == 0),
@@ -214,58 +220,11 @@ impl Node for Carver {
             }
         }
         let silhouettes: Vec<Stamped<Arc<Silhouette>>> = io.take_set(&SILHOUETTES).collect();
-        let Some(time) = silhouettes.iter().map(Stamped::time).min() else { return Ok(()) };
-        let world_from_scale = match &mut self.spaces {
-            None => Isometry3::identity(),
-            Some(spaces) => {
-                io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
-                match spaces.world_from_own(time) {
-                    Ok(pose) => pose.transform,
-                    Err(error) => {
-                        self.totals.gaps += 1;
-                        io.gap(&VOXELS, time, format_args!("it is not known where the scale is: {error}"));
-                        return Ok(());
-                    }
-                }
-            }
-        };
-        for it in &silhouettes {
-            self.tally.entry(it.value.camera).or_default();
+        if !silhouettes.is_empty() {
+            self.waiting.push_back(silhouettes);
         }
-        let pictures: Vec<Stamped<&Image>> = io.latest_of_each(&IMAGES).collect();
-        let mut views: Vec<View> = silhouettes
-            .iter()
-            .filter_map(|it| {
-                let camera = it.value.camera;
-                let picture = pictures.iter().find(|of| of.value.camera == camera && of.time() == it.time());
-                self.view(&it.value, picture.map(|it| it.value), it.time(), &world_from_scale)
-            })
-            .collect();
-        views.sort_by_key(|it| it.silhouette.camera);
-        views.dedup_by_key(|it| it.silhouette.camera);
-        let targets = io.latest(&TARGETS).map(|it| it.value);
-        let targets: Vec<_> = targets
-            .into_iter()
-            .flat_map(|it| it.list.iter().map(move |target| (target.id, target.position_after(time - it.time))))
-            .collect();
-        let mut voxels = Voxels { time, world_from_scale, ..Voxels::default() };
-        let cameras: Vec<CameraId> = self.tally.keys().copied().collect();
-        let result = self.hull.carve(&views, &cameras, &targets, &mut voxels);
-        let seen: Vec<&Silhouette> = views.iter().map(|it| it.silhouette).collect();
-        self.words.hear(&seen, self.hull.contradictions());
-        match result {
-            Ok(dropped) => {
-                drop(views);
-                self.count(&voxels, dropped.count);
-                self.words.see(&voxels, dropped.largest);
-                io.emit_at(&VOXELS, time, voxels);
-            }
-            Err(reason) => {
-                drop(views);
-                self.totals.gaps += 1;
-                self.count_views(&voxels);
-                io.gap(&VOXELS, time, reason);
-            }
+        while let Some(silhouettes) = self.next_set() {
+            self.carve(io, silhouettes);
         }
         Ok(())
     }
@@ -310,6 +269,76 @@ impl Node for Carver {
 }
 
 impl Carver {
+    /// The next set whose poses are there, as far as they will come.
+    fn next_set(&mut self) -> Option<Vec<Stamped<Arc<Silhouette>>>> {
+        let set = self.waiting.front()?;
+        let awaits = |it: &Stamped<Arc<Silhouette>>| {
+            let camera = it.value.camera;
+            let has_come = || self.poses.iter().rev().any(|pose| pose.camera == camera && pose.time >= it.time());
+            self.has_poses && self.setup.head_of(camera).is_some() && !has_come()
+        };
+        if self.waiting.len() < MOST_WAITING && set.iter().any(awaits) {
+            return None;
+        }
+        self.waiting.pop_front()
+    }
+
+    fn carve(&mut self, io: &mut Io<'_>, silhouettes: Vec<Stamped<Arc<Silhouette>>>) {
+        let Some(time) = silhouettes.iter().map(Stamped::time).min() else { return };
+        let world_from_scale = match &mut self.spaces {
+            None => Isometry3::identity(),
+            Some(spaces) => {
+                io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
+                match spaces.world_from_own(time) {
+                    Ok(pose) => pose.transform,
+                    Err(error) => {
+                        self.totals.gaps += 1;
+                        io.gap(&VOXELS, time, format_args!("it is not known where the scale is: {error}"));
+                        return;
+                    }
+                }
+            }
+        };
+        for it in &silhouettes {
+            self.tally.entry(it.value.camera).or_default();
+        }
+        let pictures: Vec<Stamped<&Image>> = io.latest_of_each(&IMAGES).collect();
+        let mut views: Vec<View> = silhouettes
+            .iter()
+            .filter_map(|it| {
+                let camera = it.value.camera;
+                let picture = pictures.iter().find(|of| of.value.camera == camera && of.time() == it.time());
+                self.view(&it.value, picture.map(|it| it.value), it.time(), &world_from_scale)
+            })
+            .collect();
+        views.sort_by_key(|it| it.silhouette.camera);
+        views.dedup_by_key(|it| it.silhouette.camera);
+        let targets = io.latest(&TARGETS).map(|it| it.value);
+        let targets: Vec<_> = targets
+            .into_iter()
+            .flat_map(|it| it.list.iter().map(move |target| (target.id, target.position_after(time - it.time))))
+            .collect();
+        let mut voxels = Voxels { time, world_from_scale, ..Voxels::default() };
+        let cameras: Vec<CameraId> = self.tally.keys().copied().collect();
+        let result = self.hull.carve(&views, &cameras, &targets, &mut voxels);
+        let seen: Vec<&Silhouette> = views.iter().map(|it| it.silhouette).collect();
+        self.words.hear(&seen, self.hull.contradictions());
+        match result {
+            Ok(dropped) => {
+                drop(views);
+                self.count(&voxels, dropped.count);
+                self.words.see(&voxels, dropped.largest);
+                io.emit_at(&VOXELS, time, voxels);
+            }
+            Err(reason) => {
+                drop(views);
+                self.totals.gaps += 1;
+                self.count_views(&voxels);
+                io.gap(&VOXELS, time, reason);
+            }
+        }
+    }
+
     /// The view of a silhouette; `None` for a camera that the calibration lacks.
     fn view<'a>(
         &self,

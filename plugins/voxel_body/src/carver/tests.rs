@@ -458,3 +458,40 @@ fn where_several_views_may_err_what_is_said_stays_with_the_voxels_after_views_we
     let voxels = carve(&setup, settings, set);
     assert!(!voxels.is_empty() && voxels.iter().all(|it| it.seen >= 3 && it.dissent < it.seen));
 }
+
+#[test]
+fn a_set_waits_for_the_poses_of_its_heads_and_one_without_is_carved_by_the_others() {
+    let mut setup = setup();
+    setup.connected = vec!["poses".to_owned()];
+    let text = "[calibration]\nlength_unit = \"m\"\n[camera.ring-2]\nimage_size_px = [160, 120]\nfocal_px = [98.0, 98.0]\n\
+                principal_point_px = [79.5, 59.5]\nposition_m = [0.0, 0.0, 1.5]\ncamera_from_world_wxyz = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]\n\
+                [head.ring-2]\npan_axis = { point_m = [0.0, 0.0, 0.0], direction = [0.0, 1.0, 0.0] }\n\
+                tilt_axis = { point_m = [0.0, 0.0, 0.0], direction = [1.0, 0.0, 0.0] }\n";
+    let heads = Calibration::from_toml(text, std::path::Path::new("test")).unwrap().heads;
+    let at_rest = setup.calibration.cameras[1].camera.camera_from_world;
+    Arc::make_mut(&mut setup.calibration).heads = heads;
+    let pose = |time: Time| HeadPose {
+        camera: CameraId(1),
+        time,
+        angles: [0.0; 2],
+        angles_covariance: nalgebra::Matrix2::identity() * 1e-6,
+        rates: [0.0; 2],
+        zoom: None,
+        camera_from_world: at_rest,
+        covariance: Matrix6::identity() * 1e-6,
+        age: Interval(0),
+    };
+    let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();
+    let [one, two, three] = [1.0, 2.0, 3.0].map(Time::from_s);
+    let statuses = |bench: &mut NodeBench<Carver>| -> Vec<ViewStatus> {
+        bench.outputs(&VOXELS).iter().map(|it| it.value.views[1].status).collect()
+    };
+    bench.feed_set(&SILHOUETTES, one, set(&setup, &[[0.1, 0.0]])).unwrap();
+    assert_eq!(statuses(&mut bench), []);
+    bench.feed(&POSES, one, pose(one)).unwrap();
+    assert_eq!(statuses(&mut bench), [ViewStatus::Used]);
+    bench.feed_set(&SILHOUETTES, two, set(&setup, &[[0.1, 0.0]])).unwrap();
+    bench.feed_set(&SILHOUETTES, three, set(&setup, &[[0.1, 0.0]])).unwrap();
+    bench.feed(&POSES, three, pose(three)).unwrap();
+    assert_eq!(statuses(&mut bench), [ViewStatus::Unplaced, ViewStatus::Used]);
+}
