@@ -19,7 +19,8 @@ ports! {
 }
 
 figures! {
-    "heads.*.commands": count, neither, "Commands given to that head";
+    "heads.*.commands": count, neither, "Commands given to that head for a target";
+    "heads.*.patrolled": count, neither, "Commands given to that head while it had no target: places of its patrol";
     "heads.*.out_of_reach": count, low, "Of these, commands for a target beyond the head's limits: it goes to them";
     "heads.*.target_changes": count, low, "Changes from one target to another; the first one is left out";
     "heads.*.latency_ms": ms, neither, "From a command on the line to the first movement, as estimated at the end";
@@ -49,6 +50,8 @@ pub struct Selector {
 #[derive(Default)]
 struct Counts {
     commands: u64,
+    /// Commands to places of the patrol.
+    patrolled: u64,
     out_of_reach: u64,
     changes: u64,
 }
@@ -167,7 +170,7 @@ impl Node for Selector {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Counts { commands, out_of_reach, changes } = self.counts;
+        let Counts { commands, patrolled, out_of_reach, changes } = self.counts;
         let [latency, sigma] = self.controller.latency_s();
         let name = &self.name;
         report.figure(format!("heads.{name}.commands"), commands as f64);
@@ -179,8 +182,12 @@ impl Node for Selector {
             let share = 100.0 * out_of_reach as f64 / commands as f64;
             report.remark(format!("The target was out of reach of the head of `{name}` for {share:.1} % of its commands: it went to its limits."));
         }
+        if patrolled > 0 {
+            report.figure(format!("heads.{name}.patrolled"), patrolled as f64);
+        }
         if commands == 0 {
-            report.remark(format!("The head of `{name}` was never told anything: no target was found for it."));
+            let told = if patrolled > 0 { "only looked around" } else { "was never told anything" };
+            report.remark(format!("The head of `{name}` {told}: no target was found for it."));
         }
         Ok(())
     }
@@ -200,6 +207,7 @@ impl Selector {
             })
         });
         if let Some(order) = self.patrol.step(now, angles) {
+            self.counts.patrolled += 1;
             io.emit_at(&COMMANDS, time, HeadCommand { camera: self.camera, order, zoom: None });
         }
     }

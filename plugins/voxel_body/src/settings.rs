@@ -13,7 +13,7 @@ pub struct SilhouetteSettings {
     /// empty: none. With pictures at the port `background` it is not used [–]
     pub background: String,
     /// Pictures that the background is learnt from: of those at the port `background`, or of the camera's own where that is open and there is no picture of the empty scene. Who moves on within
-    /// half of them leaves no trace [frames]
+    /// half of them leaves no trace. With `pose`: nobody may be there, and the head has to look wherever it will look later, so that it takes some seconds [frames]
     #[schemars(range(min = 1, max = 10000))]
     pub learn_frames: u32,
     /// The part of the background that its own noise leaves within the limits; the rest goes with the specks [–]

@@ -52,6 +52,8 @@ figures! {
 pub struct SilhouetteNode {
     finder: SilhouetteFinder,
     on_head: Option<OnHead>,
+    /// Whether the calibration says that the camera stands on a head.
+    is_on_head: bool,
     learn_frames: u32,
     adapt_frames: f32,
     shell: DetectorShell,
@@ -114,6 +116,7 @@ impl Node for SilhouetteNode {
         };
         Ok(Self {
             on_head,
+            is_on_head: setup.head_model().is_some(),
             learn_frames: settings.learn_frames,
             adapt_frames: settings.adapt_frames,
             finder: SilhouetteFinder::new(settings, size, background),
@@ -185,6 +188,12 @@ impl Node for SilhouetteNode {
                     report.figure(format!("silhouette.{what}.{name}"), n as f64);
                 }
             }
+            if n > 0 && tally.aligned * 2 < n {
+                report.remark(format!(
+                    "{name}: {} of {n} pictures told how far the pose was off: what is behind has too little texture, or is another than was learnt; the others go by the pose alone",
+                    tally.aligned
+                ));
+            }
             if tally.unknown > 0 {
                 report.remark(format!(
                     "{name}: in {} pictures less than half of the background is known: while it learnt, the head did not look there, expected views of the empty scene wherever it will look (`patrol_deg` of `pan_tilt.selector`)",
@@ -210,9 +219,13 @@ impl Node for SilhouetteNode {
         }
         if count(SilhouetteStatus::Moved) > 0 {
             let n = count(SilhouetteStatus::Moved);
-            report.remark(format!(
-                "{name}: in {n} pictures the edges of the background are not where they were: was the camera moved?"
-            ));
+            let why = match (&self.on_head, self.is_on_head) {
+                (Some(_), _) => "did it turn while it exposed, or does its light change?",
+                (None, true) => "it stands on a head, expected `pose`, from `pan_tilt.pose`, unless that never turns",
+                (None, false) => "was the camera moved?",
+            };
+            report
+                .remark(format!("{name}: in {n} pictures the edges of the background are not where they were: {why}"));
         }
         Ok(())
     }

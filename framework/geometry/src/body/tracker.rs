@@ -127,6 +127,8 @@ struct LimbTrack {
 #[derive(Debug, Clone)]
 pub struct BodyTracker {
     options: TrackerOptions,
+    /// What is expected of a child, in place of what the options say.
+    child: Option<Proportions>,
     filter: BodyFilter,
     limbs: [LimbTrack; 4],
     support: Support,
@@ -155,6 +157,8 @@ const REST_FROM: f64 = 0.03;
 const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
 const ANEW_GAIN: f64 = 0.06;
+/// The same share and gain for who was taken for a child.
+const CHILD_ANEW: [f64; 2] = [0.04, 0.02];
 
 /// Of the head's skin, what may lack, and what the limbs' sizes may be less likely, for a doubt of 1 each [–].
 const HEAD_LACKS: f64 = 0.3;
@@ -206,11 +210,13 @@ impl BodyTracker {
     /// A fit that began wrong explains little and hardly finds out by itself: a body found in these voxels alone, without what went before, takes its place if it explains more.
     fn look_anew(&mut self, field: &VoxelField) -> bool {
         let left = self.support.unexplained;
-        if left < ANEW_FROM {
+        // A child may be somebody grown up whose head the silhouettes had lost.
+        let [from, gain] = if self.child.is_some() { CHILD_ANEW } else { [ANEW_FROM, ANEW_GAIN] };
+        if left < from {
             return false;
         }
         match Self::acquire(field, &self.options) {
-            Ok(anew) if anew.support.unexplained < left - ANEW_GAIN => {
+            Ok(anew) if anew.support.unexplained < left - gain => {
                 *self = Self { frame: self.frame, ..anew };
                 true
             }
@@ -237,7 +243,7 @@ impl BodyTracker {
         self.filter.update(iterations, self.share, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
-            add_size_limits(body, normal, &layout, &options.proportions);
+            add_size_limits(body, normal, &layout, self.child.as_ref().unwrap_or(&options.proportions));
             add_labelled(body, normal, &layout, labelled);
         });
         self.support = fit.support;

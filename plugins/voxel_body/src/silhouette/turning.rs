@@ -204,6 +204,8 @@ fn what_a_camera_that_turns_has_no_use_for_is_refused() {
     let setup = setup(&["pose"]);
     let absorbing = SilhouetteSettings { absorb_frames: 100, ..settings() };
     assert!(refused(absorbing, &setup).contains("expected 0: of a camera that turns"));
+    let masked = SilhouetteSettings { masks: vec![vec![[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]], ..settings() };
+    assert!(refused(masked, &setup).contains("found 1 masks, expected none"));
     let pictured = SilhouetteSettings { background: "empty.png".to_owned(), ..settings() };
     assert!(refused(pictured, &setup).contains("one picture is no background of a camera that turns"));
     let fixed = Setup { connected: ["pose".to_owned()].into_iter().collect(), ..Setup::for_tests() };

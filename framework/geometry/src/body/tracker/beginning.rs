@@ -68,19 +68,9 @@ impl BodyTracker {
         // The best as tall as is expected, and the best child.
         let mut best: [Option<(f64, BodyTracker)>; 2] = [None, None];
         for (trunk, child) in &trunks {
-            let begun = match child {
-                None => Self::begin(field, options, trunk, standing(field, trunk, &options.proportions)),
-                Some(child) => {
-                    let Proportions { stature_spread, .. } = options.proportions;
-                    let options = TrackerOptions {
-                        proportions: Proportions { stature_spread, ..child.clone() },
-                        ..options.clone()
-                    };
-                    Self::begin(field, &options, trunk, Some(child.clone()))
-                }
-            };
+            let begun = Self::begin(field, options, trunk, child.as_ref());
             match begun {
-                Ok(tracker) if child.is_none() || tracker.legs_upright() > CHILD_LEGS => {
+                Ok(tracker) if child.is_none() || tracker.is_child() => {
                     // The one that explains most of the voxels, with a head of common size, high up on an upright torso.
                     let size = (trunk.head.radius - HEAD_RADIUS) / HEAD_SPREAD;
                     let score = trunk.head.crust_share + trunk.filled
@@ -107,6 +97,11 @@ impl BodyTracker {
         }
     }
 
+    /// Whether what was begun as a child is one: with a head, on straight legs.
+    fn is_child(&self) -> bool {
+        self.support.covered[Part::Head.index()] >= CHILD_HEAD && self.legs_upright() > CHILD_LEGS
+    }
+
     /// Cosine of the angle from upright of that part of both legs that is farthest from it.
     fn legs_upright(&self) -> f64 {
         let parts = [Part::LeftThigh, Part::LeftCalf, Part::RightThigh, Part::RightCalf];
@@ -121,8 +116,9 @@ impl BodyTracker {
         field: &VoxelField,
         options: &TrackerOptions,
         trunk: &TrunkFound,
-        standing: Option<Proportions>,
+        child: Option<&Proportions>,
     ) -> Result<BodyTracker, AcquisitionFailure> {
+        let standing = child.cloned().or_else(|| standing(field, trunk, &options.proportions));
         let length = standing.as_ref().map_or(trunk.length, |it| {
             // Where legs part is told of legs that do; of others it is far below.
             let expected = 2.0 * share(Part::Torso).z * it.stature;
@@ -134,6 +130,8 @@ impl BodyTracker {
         let filter = BodyFilter::new(body, layout, &proportions.covariance(), &options.beginning);
         let mut tracker = Self {
             options: options.clone(),
+            // Children differ from each other as adults do.
+            child: child.map(|it| Proportions { stature_spread: options.proportions.stature_spread, ..it.clone() }),
             filter,
             limbs: std::array::from_fn(|_| LimbTrack { level: LimbLevel::Absent, weak_s: 0.0, straight_s: 0.0 }),
             support: Support::default(),
@@ -162,6 +160,7 @@ impl BodyTracker {
         tracker.filter.body.turns = body.turns;
         tracker.filter.body.torso = body.torso;
         tracker.update(field, &[], 10);
+        tracker.unfold_legs(field, &[]);
         for part in [Part::Head, Part::Torso] {
             let (inside, covered) = (tracker.support.inside[part.index()], tracker.support.covered[part.index()]);
             if inside < 0.75 || covered < 0.3 {
@@ -217,6 +216,9 @@ const LEAST_CHILD: f64 = 0.80;
 
 /// A child stands on legs whose parts are no farther from upright than this [cosine]: parts of a standing child's are at 0.75 or more, of adults who crouch as low at 0.65 or less.
 const CHILD_LEGS: f64 = 0.75;
+
+/// Of a child's head, so much of the skin is there [–]: silhouettes that lose the head of somebody grown up make a lower body, whose chest looks like a head.
+const CHILD_HEAD: f64 = 0.85;
 
 /// A child may leave so much more of the skin to nobody than an adult who crouches [–].
 const CHILD_REST: f64 = 0.01;

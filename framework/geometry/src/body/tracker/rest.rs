@@ -184,6 +184,9 @@ impl BodyTracker {
 
     /// Straightens limbs that are folded up where that explains the voxels better; those that were not folded as `predicted` at once, others now and then.
     pub(super) fn unfold(&mut self, field: &VoxelField, labelled: &[Labelled], predicted: &BodyFilter) {
+        if self.frame.is_multiple_of(LOOK_EVERY) {
+            self.unfold_legs(field, labelled);
+        }
         for limb in Limb::ALL {
             let is_new = folded(predicted, limb).is_none();
             if !is_new && !self.frame.is_multiple_of(LOOK_EVERY) {
@@ -193,6 +196,15 @@ impl BodyTracker {
             if !ways.is_empty() {
                 self.take_best(&ways, field, labelled);
             }
+        }
+    }
+
+    /// If both legs are folded up, both straight on at once: thighs that have grown long and thick explain short legs that stand side by side, and one of them alone would not fit better.
+    pub(super) fn unfold_legs(&mut self, field: &VoxelField, labelled: &[Labelled]) {
+        let legs = [Limb::LeftLeg, Limb::RightLeg];
+        if let [Some([left, _]), Some([right, _])] = legs.map(|it| folded(&self.filter, it)) {
+            let straight = Way { limbs: vec![(legs[0], [left; 2]), (legs[1], [right; 2])] };
+            self.take_best(&[straight], field, labelled);
         }
     }
 
