@@ -47,7 +47,7 @@ figures! {
 /// The background is learnt from the pictures at `background` (a film of the empty scene, which ends before the person's begins), from a picture that the settings name, or from the camera's own first
 /// pictures. A silhouette comes for every picture that can be read; what it is worth stands in its status.
 ///
-/// With `pose` the camera is one on a head: each picture waits for the pose of its time, and the background is a panorama of views ([`OnHead`]). A silhouette is then of the part of the picture behind which
+/// With `pose` the camera is one on a head: each picture waits for the pose of its time, and the background is a panorama of views that are kept. A silhouette is then of the part of the picture behind which
 /// it is known what stands; where that is less than half, its status is `learning`. At `aligned` the poses come out again, better by what the pictures' backgrounds say of them.
 pub struct SilhouetteNode {
     finder: SilhouetteFinder,

@@ -2,7 +2,7 @@
 //!
 //! A bit and its inverse add up to the scene under full light; so do white and black, and two phase steps half a period apart. Such a sum S of a scene R that lies d pixels elsewhere is a R + c − ∇R · d: colours and
 //! shades of the surface tell d by least squares over all pixels, far finer than a pixel. Sums in the order of their pictures scatter about one d as long as nothing moves, about two where something did once, and about a line
-//! where something creeps all the time, about any way where it creeps unevenly ([`way`](super::way)). Scenes without colours or edges say nothing.
+//! where something creeps all the time, about any way where it creeps unevenly (`way`). Scenes without colours or edges say nothing.
 //!
 //! Source: B. Lucas, T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI 1981.
 
