@@ -147,6 +147,11 @@ impl SilhouetteSettings {
             );
             return Err(ConfigError::at("background", text));
         }
+        if !self.masks.is_empty() {
+            let n = self.masks.len();
+            let text = format!("found {n} masks, expected none: of a camera that turns no pixel stays where it is");
+            return Err(ConfigError::at("masks", text));
+        }
         if self.absorb_frames > 0 {
             let text =
                 format!("found {}, expected 0: of a camera that turns no pixel stays where it is", self.absorb_frames);
