@@ -347,6 +347,12 @@ impl SilhouetteNode {
         let panorama = on_head.panorama(&image.value)?;
         let noise = std::f32::consts::FRAC_1_SQRT_2 * panorama.noise().unwrap_or(0.0);
         let behind = panorama.behind(&from.camera, from.sigma_px, &image.value.pixels)?;
+        let turned = behind.turned;
+        let mut pose = HeadPose::clone(&from.pose);
+        if let Some(turned) = turned {
+            pose.camera_from_world = turned * pose.camera_from_world;
+        }
+        io.emit(&ALIGNED, image.stamp, pose);
         let size = [image.value.width, image.value.height].map(|it| it as usize);
         let part = known_part(behind.covered, size);
         if 2 * part[0].len() * part[1].len() < size[0] * size[1] {
@@ -354,14 +360,8 @@ impl SilhouetteNode {
             self.emit_unknown(io, image);
             return Ok(());
         }
-        self.finder.set_behind(&image.value, &behind, noise)?;
-        let turned = behind.turned;
         self.tally.aligned += u64::from(turned.is_some());
-        let mut pose = HeadPose::clone(&from.pose);
-        if let Some(turned) = turned {
-            pose.camera_from_world = turned * pose.camera_from_world;
-        }
-        io.emit(&ALIGNED, image.stamp, pose);
+        self.finder.set_behind(&image.value, &behind, noise)?;
         let (share, mut taught) = (1.0 / self.adapt_frames, None);
         self.find(io, image, |silhouette, finder| {
             if turned.is_some() && silhouette.status.is_usable() {

@@ -173,6 +173,7 @@ fn what_was_never_looked_at_is_left_out_or_said_not_to_be_known() {
     assert_eq!((beyond.status, beyond.n_body), (SilhouetteStatus::Empty, 0));
     let far = look(s + 0.2, 80.0);
     assert_eq!((far.status, far.width), (SilhouetteStatus::Learning, SIZE[0]));
+    assert_eq!(bench.outputs(&ALIGNED).len(), 62, "each picture's pose comes out again");
     let remarks = bench.finish().unwrap().remarks.join("; ");
     assert!(remarks.contains("in 1 pictures less than half of the background is known"), "{remarks}");
 }
