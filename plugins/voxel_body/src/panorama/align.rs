@@ -1,10 +1,12 @@
 //! By how much a picture lies beside where it was expected, told by what of the background shows.
 //!
 //! Patches of the expected background that have texture are looked for in the picture (pyramidal Lucas–Kanade). Who stands before them makes some of them be found elsewhere, or not at all: the shift that most of
-//! them agree on begins, and those near it say how the picture is shifted, turned and enlarged.
+//! them agree on begins, and those near it say how the picture is shifted, turned and enlarged. What is left of them then, where neighbours agree on it, is how it is [bent](super::bent).
 
 use foveate::imaging::{Channel, FlowSettings, ImageView, ImagingError, LucasKanade, Pyramid, Template, plane};
 use nalgebra::{Matrix4, Point2, Similarity2, Translation2, UnitComplex, Vector2, Vector4};
+
+use super::bent::{Bent, Rest};
 
 /// So many patches a picture, about, each from a cell of its own …
 const PATCHES: usize = 160;
@@ -27,10 +29,12 @@ const TURN: f64 = 0.005;
 const FOUND_PX: f64 = 0.3;
 
 /// How a picture lies on what was expected.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Alignment {
-    /// From where something was expected to where it is [px].
+    /// From where something was expected to where it is, about [px].
     pub moved: Similarity2<f64>,
+    /// How far it is beside that.
+    pub bent: Bent,
     /// What the patches are off after that, root mean square along one axis [px].
     pub rms_px: f64,
 }
@@ -76,7 +80,9 @@ impl Aligner {
             pyramid.build(&ImageView::new(gray, size[0], size[1])?, self.finder.settings().levels);
         }
         let found = self.find(covered, size, reach_px);
-        Ok(agreed(&found, size))
+        let Some(moved) = agreed(&found, size) else { return Ok(None) };
+        let rest: Vec<Rest> = found.iter().map(|[from, to]| Rest { at: *to, off: to - moved * from }).collect();
+        Ok(Bent::of(&rest, size).map(|(bent, rms_px)| Alignment { moved, bent, rms_px }))
     }
 
     /// Patches: where they were expected, and where they are.
@@ -132,7 +138,7 @@ fn texture(view: &ImageView<'_>, x: usize, y: usize) -> f32 {
 }
 
 /// The similarity on which most agree.
-fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Alignment> {
+fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Similarity2<f64>> {
     let shift = |it: &[Point2<f64>; 2]| it[1] - it[0];
     let n_near = |of: &[Point2<f64>; 2]| found.iter().filter(|it| (shift(it) - shift(of)).norm() < AGREE_PX).count();
     let first = found.iter().map(|it| (n_near(it), shift(it))).max_by_key(|it| it.0)?;
@@ -142,13 +148,11 @@ fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Alignment> {
     let centre = Vector2::new(size[0] as f64, size[1] as f64) / 2.0;
     // x' = x + t + (s x - r y, r x + s y), about the centre.
     let mut state = Vector4::new(first.1.x, first.1.y, 0.0, 0.0);
-    let mut rms_px = 0.0;
     let mut n_used = 0;
     for _ in 0..6 {
         let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
         let prior = (FOUND_PX / TURN).powi(2);
         (normal[(2, 2)], normal[(3, 3)]) = (prior, prior);
-        let (mut sum, mut weights) = (0.0, 0.0);
         n_used = 0;
         for [from, to] in found {
             let at = from.coords - centre;
@@ -162,15 +166,12 @@ fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Alignment> {
             }
             let weight = (1.0 - share * share).powi(2);
             n_used += 1;
-            weights += weight;
-            sum += weight * off.norm_squared() / 2.0;
             for (row, target) in rows.iter().zip(target.iter()) {
                 normal += weight * row * row.transpose();
                 right += weight * *target * row;
             }
         }
         state = normal.cholesky()?.solve(&right);
-        rms_px = (sum / weights).sqrt();
     }
     if n_used < LEAST {
         return None;
@@ -180,7 +181,7 @@ fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Alignment> {
     let scale = linear.re.hypot(linear.im);
     let about = |it: Vector2<f64>| Similarity2::from_parts(Translation2::from(it), UnitComplex::identity(), 1.0);
     let turned = Similarity2::from_parts(Translation2::new(state[0], state[1]), turn, scale);
-    Some(Alignment { moved: about(centre) * turned * about(-centre), rms_px })
+    Some(about(centre) * turned * about(-centre))
 }
 
 #[cfg(test)]
@@ -224,6 +225,30 @@ mod tests {
             }
             assert!(found.rms_px < 0.3, "{}", found.rms_px);
         }
+    }
+
+    #[test]
+    fn what_is_near_moves_against_what_is_far_and_is_found_where_it_is() {
+        let mut aligner = Aligner::new().unwrap();
+        let known = picture(&Similarity2::identity(), None);
+        // Something near on the left, and one that gets there slowly.
+        let shift = |x: f64| 2.0 + 2.4 * (1.0 - ((x - 60.0) / 120.0).clamp(0.0, 1.0));
+        let moved = |x: f64| Similarity2::new(Vector2::new(shift(x), -1.0), 0.0, 1.0);
+        let mut seen = picture(&moved(0.0), Some(250.0));
+        for column in 0..SIZE[0] {
+            let of_column = picture(&moved(column as f64), Some(250.0));
+            (0..SIZE[1]).for_each(|row| seen[row * SIZE[0] + column] = of_column[row * SIZE[0] + column]);
+        }
+        let found = aligner.align(&known, &[true; 320 * 240], &seen, SIZE, 20.0).unwrap().unwrap();
+        for (x, y) in [(30.0, 60.0), (60.0, 200.0), (120.0, 120.0), (170.0, 40.0)] {
+            let to = Point2::new(x, y);
+            let from = found.moved.inverse() * (to - found.bent.at(&to));
+            let expected = to - Vector2::new(shift(x), -1.0);
+            assert!((from - expected).norm() < 0.4, "{x} {y}: {from} for {expected}");
+            let straight = found.moved.inverse() * to;
+            assert!(x == 120.0 || (straight - expected).norm() > 0.4, "{x} {y}: {straight} for {expected}");
+        }
+        assert!(found.rms_px < 0.3, "{}", found.rms_px);
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! | `own` of a view | from where the pose says that something lies in it to where it does | px |
 
 mod align;
+mod bent;
 mod part;
 mod warp;
 
@@ -19,6 +20,7 @@ use foveate::imaging::ImagingError;
 use nalgebra::{Point2, Similarity2, UnitQuaternion, Vector3};
 
 use align::{Aligner, Alignment};
+use bent::Bent;
 pub(crate) use part::known_part;
 use warp::{FINE, Warp, between};
 
@@ -53,7 +55,9 @@ pub(crate) struct Panorama {
     warp: Warp,
     pixels: Vec<u8>,
     covered: Vec<bool>,
+    /// How the last picture lies.
     moved: Similarity2<f64>,
+    bent: Bent,
     /// Sum of the turns by which poses were off the views, and of how many [rad].
     turns: (Vector3<f64>, f64),
     n_pictures: usize,
@@ -89,6 +93,7 @@ impl Panorama {
             pixels: vec![0; n * channels],
             covered: vec![false; n],
             moved: Similarity2::identity(),
+            bent: Bent::default(),
             turns: (Vector3::zeros(), 0.0),
             n_pictures: 0,
             noise: Vec::new(),
@@ -112,22 +117,18 @@ impl Panorama {
         sorted.get(sorted.len() / 2).map(|it| 1.4826 * it)
     }
 
-    /// Takes a picture of the empty scene in: a new view, or one that the next view becomes less noisy by. Its pose is known to `sigma_px`.
+    /// Takes a picture of the empty scene in: a new view, or one that the next view becomes less noisy by. Its pose is known to `sigma_px`. What was behind it before it came, if that could be laid into it.
     ///
     /// # Errors
     /// Pixels that are not what the size promises.
-    pub fn learn(&mut self, camera: &Camera, sigma_px: f64, pixels: &[u8]) -> Result<(), ImagingError> {
+    pub fn learn(&mut self, camera: &Camera, sigma_px: f64, pixels: &[u8]) -> Result<Option<Behind<'_>>, ImagingError> {
         let alignment = self.expect(camera, sigma_px, pixels)?;
         let n_covered = self.covered.iter().filter(|it| **it).count();
         let is_shared = n_covered as f64 >= SHARED * self.covered.len() as f64;
         match self.next(camera) {
             Some((next, angle)) if angle < self.spacing(camera) / 2.0 => {
                 // From elsewhere parallax would blur it; and of a wall without texture nothing is known but the pose.
-                if let Some(found) = alignment
-                    && angle < self.spacing(camera) / 8.0
-                    && self.views[next].n < PICTURES
-                {
-                    self.render(camera, &found.moved);
+                if alignment.is_some() && angle < self.spacing(camera) / 8.0 && self.views[next].n < PICTURES {
                     self.learn_noise(pixels);
                     let share = 1.0 / f32::from(self.views[next].n + 1);
                     self.blend(next, camera, 0..self.size[1], |at| (f32::from(pixels[at]), share));
@@ -135,12 +136,17 @@ impl Panorama {
                 }
             }
             _ => {
-                let own = alignment.filter(|_| is_shared).map_or_else(Similarity2::identity, |it| it.moved);
+                let own = if is_shared { self.moved } else { Similarity2::identity() };
                 let levels = pixels.iter().map(|it| u16::from(*it) * FINE as u16).collect();
                 self.views.push(View { camera: camera.clone(), own, levels, n: 1 });
             }
         }
-        Ok(())
+        Ok(alignment.map(|it| Behind {
+            pixels: &self.pixels,
+            covered: &self.covered,
+            jitter_px: it.rms_px,
+            turned: None,
+        }))
     }
 
     /// What should be seen behind `pixels`, a picture from `camera` whose pose is known to `sigma_px`.
@@ -149,13 +155,9 @@ impl Panorama {
     /// Pixels that are not what the size promises.
     pub fn behind(&mut self, camera: &Camera, sigma_px: f64, pixels: &[u8]) -> Result<Behind<'_>, ImagingError> {
         let alignment = self.expect(camera, sigma_px, pixels)?;
-        if let Some(found) = &alignment {
-            self.render(camera, &found.moved);
-        }
         // All views may be turned alike: by what poses are off in the mean they are not.
         let common = camera.camera_from_world.rotation * (self.turns.0 / self.turns.1.max(1.0));
-        let turned = alignment.map(|it| UnitQuaternion::from_scaled_axis(turned_by(camera, &it) - common));
-        self.moved = alignment.map_or_else(Similarity2::identity, |it| it.moved);
+        let turned = alignment.as_ref().map(|it| UnitQuaternion::from_scaled_axis(turned_by(camera, it) - common));
         Ok(Behind {
             pixels: &self.pixels,
             covered: &self.covered,
@@ -189,20 +191,21 @@ impl Panorama {
         }
     }
 
-    /// Fills `pixels` and `covered` as the pose says, and finds how the picture lies on that.
+    /// Finds how a picture lies on what its pose lets expect, and fills `pixels` and `covered` so.
     fn expect(&mut self, camera: &Camera, sigma_px: f64, pixels: &[u8]) -> Result<Option<Alignment>, ImagingError> {
         let expected = self.size[0] * self.size[1] * self.channels;
         if pixels.len() != expected {
             return Err(ImagingError::WrongLength { what: "picture", expected, found: pixels.len() });
         }
-        self.render(camera, &Similarity2::identity());
-        self.moved = Similarity2::identity();
+        (self.moved, self.bent) = (Similarity2::identity(), Bent::default());
+        self.render(camera);
         let reach = REACH_PX + REACH_SIGMAS * sigma_px;
         let found = self.aligner.align(&self.pixels, &self.covered, pixels, self.size, reach)?;
-        self.moved = found.map_or_else(Similarity2::identity, |it| it.moved);
         if let Some(found) = &found {
             let turn = camera.camera_from_world.rotation.inverse() * turned_by(camera, found);
             self.turns = (self.turns.0 + turn, self.turns.1 + 1.0);
+            (self.moved, self.bent) = (found.moved, found.bent.clone());
+            self.render(camera);
         }
         Ok(found)
     }
@@ -219,18 +222,18 @@ impl Panorama {
         turned.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// What the views show from `camera`, of which a picture lies `moved`.
-    fn render(&mut self, camera: &Camera, moved: &Similarity2<f64>) {
+    /// What the views show from `camera`, where the last picture lies.
+    fn render(&mut self, camera: &Camera) {
         self.covered.fill(false);
         let mut order: Vec<(usize, f64)> = self.views.iter().map(|it| turn(&it.camera, camera)).enumerate().collect();
         order.sort_by(|a, b| a.1.total_cmp(&b.1));
         let diagonal = VIEWS_ALONG * self.spacing(camera);
-        let back = moved.inverse();
+        let (back, bent) = (self.moved.inverse(), &self.bent);
         for (at, _) in order.into_iter().take_while(|it| it.1 < diagonal) {
             let view = &self.views[at];
             let distance = self.distance;
             self.warp.set(self.size, |pixel| {
-                let place = camera.ray(&(back * pixel))?.at(distance);
+                let place = camera.ray(&(back * (pixel - bent.at(pixel))))?.at(distance);
                 Some(view.own * view.camera.project(&place)?)
             });
             self.warp.take(&view.levels, self.channels, &mut self.pixels, &mut self.covered);
@@ -242,14 +245,15 @@ impl Panorama {
 
     /// Rows of a view move towards a picture from `camera`: `told` gives level and share of each of its bytes.
     fn blend(&mut self, at: usize, camera: &Camera, rows: std::ops::Range<usize>, told: impl Fn(usize) -> (f32, f32)) {
-        let Self { views, warp, size, channels, moved, distance, .. } = self;
+        let Self { views, warp, size, channels, moved, bent, distance, .. } = self;
         let view = &mut views[at];
         let back = view.own.inverse();
         let from = view.camera.clone();
         // Where the pixels of the view lie in the picture.
         warp.set(*size, |pixel| {
             let place = from.ray(&(back * pixel))?.at(*distance);
-            Some(*moved * camera.project(&place)?)
+            let about = *moved * camera.project(&place)?;
+            Some(about + bent.at(&about))
         });
         for row in rows {
             warp.along_row(row, |pixel, u, v| {
