@@ -147,6 +147,18 @@ impl SilhouetteFinder {
         Ok(())
     }
 
+    /// Learns from a picture of the empty scene how well such pictures fit what [`Self::set_behind`] says of them.
+    ///
+    /// # Errors
+    /// As [`Self::find`].
+    pub(crate) fn rehearse(&mut self, image: &Image) -> Result<(), Refusal> {
+        match &mut self.fit(image)?.splitter {
+            Splitter::Colour(segmenter) => segmenter.rehearse(&image.pixels)?,
+            Splitter::Gray(_) => {}
+        }
+        Ok(())
+    }
+
     /// Fills `silhouette`, and `features` with its blobs in scan order. `predicted` are pixels where targets are expected: a blob there is not absorbed.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use foveate::prelude::*;
 
 use crate::finder::{Refusal, SilhouetteFinder};
 use crate::on_head::{From, OnHead, Turn};
-use crate::panorama::known_part;
+use crate::panorama::{Behind, known_part};
 use crate::settings::SilhouetteSettings;
 
 ports! {
@@ -314,7 +314,14 @@ impl SilhouetteNode {
         from: &From,
         is_empty: bool,
     ) -> Result<(), Refusal> {
-        on_head.panorama(&image.value)?.learn(&from.camera, from.sigma_px, &image.value.pixels)?;
+        let panorama = on_head.panorama(&image.value)?;
+        let noise = std::f32::consts::FRAC_1_SQRT_2 * panorama.noise().unwrap_or(0.0);
+        let behind = panorama.learn(&from.camera, from.sigma_px, &image.value.pixels)?;
+        let is_known = |it: &Behind<'_>| 2 * it.covered.iter().filter(|it| **it).count() > it.covered.len();
+        if let Some(behind) = behind.filter(is_known) {
+            self.finder.set_behind(&image.value, &behind, noise)?;
+            self.finder.rehearse(&image.value)?;
+        }
         on_head.n_learnt += 1;
         if !is_empty {
             io.emit(&ALIGNED, image.stamp, HeadPose::clone(&from.pose));

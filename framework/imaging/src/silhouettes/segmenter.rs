@@ -88,6 +88,10 @@ pub struct Segmenter {
     n_open: usize,
     lights: Lights,
     texture: Texture,
+    /// How pictures of the empty scene fitted the backgrounds that were set for them.
+    rehearsed: Vec<[f32; 2]>,
+    /// How far their edges were off [px].
+    edges_rehearsed: Vec<f32>,
     confidence: Vec<u8>,
     raw: Vec<u8>,
     mask: Vec<u8>,
@@ -114,6 +118,10 @@ struct Stay {
     n: u32,
 }
 
+/// So many rehearsals, at least, tell how well pictures fit.
+const REHEARSALS: usize = 4;
+/// Edges that are further off tell nothing of a tremble [px].
+const MOST_JITTER: f32 = 2.0;
 /// One row in so many follows the background at a picture.
 const BANDS: usize = 16;
 /// Below this confidence (f = 0.58) a pixel is no shadow either, and the background follows it.
@@ -138,6 +146,8 @@ impl Segmenter {
             n_open: n,
             lights: Lights::new(width, height),
             texture: Texture::new(width, height),
+            rehearsed: Vec::new(),
+            edges_rehearsed: Vec::new(),
             confidence: vec![0; n],
             raw: vec![0; n],
             mask: vec![0; n],
@@ -178,10 +188,49 @@ impl Segmenter {
     /// A picture of another size.
     pub fn set_background(&mut self, rgb: &[u8]) -> Result<(), ImagingError> {
         self.fits(rgb)?;
-        self.model.take(rgb, &self.config);
-        self.texture.reset();
+        let jitter_px = self.config.jitter_px.max(self.edges_jitter());
+        self.model.take(rgb, &SegmenterConfig { jitter_px, ..self.config.clone() });
+        if self.rehearsed.len() < REHEARSALS {
+            self.texture.reset();
+        } else {
+            self.texture.take(&self.rehearsed, 1.0);
+        }
         self.learnt();
         Ok(())
+    }
+
+    /// Learns from a picture of the empty scene how well such pictures fit the background that was set for them: how far their edges are off, and how well their texture fits. From then on that is expected of all
+    /// backgrounds that are set; what comes of another view is off by more than noise.
+    ///
+    /// # Errors
+    /// A picture of another size.
+    pub fn rehearse(&mut self, rgb: &[u8]) -> Result<(), ImagingError> {
+        self.fits(rgb)?;
+        if !self.has_learnt() {
+            return Ok(());
+        }
+        let Self { lights, texture, model, open, .. } = self;
+        lights.look(rgb, open, model);
+        let gains = lights.whole();
+        self.edges_rehearsed.extend(model.edges_off(rgb, gains, open));
+        if self.config.by_texture {
+            // What is masked fits.
+            let mut shown = rgb.to_vec();
+            for (at, (level, mean)) in shown.iter_mut().zip(&model.mean).enumerate() {
+                if open[at / CHANNELS] == 0 {
+                    *level = (mean * gains[at % CHANNELS]) as u8;
+                }
+            }
+            self.rehearsed.push(texture.fits_of(&shown, model, |x, y| lights.at(x, y), self.config.detection_rate));
+        }
+        Ok(())
+    }
+
+    /// How far edges were off in nine of ten rehearsals [px].
+    fn edges_jitter(&self) -> f32 {
+        let mut off = self.edges_rehearsed.clone();
+        off.sort_by(f32::total_cmp);
+        off.get(off.len() * 9 / 10).map_or(0.0, |it| it.min(MOST_JITTER))
     }
 
     /// From the next background on: the least standard deviation of a pixel [gray level], and how far an edge may lie beside where it is known, one standard deviation [px].

@@ -331,3 +331,41 @@ fn settings_out_of_range_are_named() {
     assert!(named(|it| it.noise_floor = f32::NAN).unwrap().starts_with("noise_floor"));
     assert!(named(|it| it.highlight_ratio = 0.9).unwrap().starts_with("highlight_ratio"));
 }
+
+/// Which part of the body is found on a floor with a fine grain, and how many pixels are body where nobody is; `off_px` is how far edges of the background lie beside where they were in each picture, and in the last one.
+fn on_other_views(grain: f32, off_px: f32, is_rehearsed: bool) -> (f64, usize) {
+    let noise = &mut Noise(29);
+    let config = SegmenterConfig { by_texture: true, jitter_px: 0.1, ..config() };
+    let floor = |x: f32, y: f32, off: f32| {
+        let edge = |at: f32| (at - off + 0.5).clamp(0.0, 1.0);
+        let frame = 60.0 * (edge(x - 10.0) - edge(x - 40.0)) * (edge(y - 20.0) - edge(y - 80.0));
+        [100.0 + grain * (1.3 * x).sin() * (1.1 * y).cos() + frame; 3]
+    };
+    let mut shown = |off: f32, seen: &dyn Fn(usize, usize, [f32; 3]) -> [f32; 3]| -> Vec<u8> {
+        let pixels = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
+        pixels
+            .flat_map(|(x, y)| seen(x, y, floor(x as f32, y as f32, off)))
+            .map(|it| (it + 0.8 * noise.next()).round() as u8)
+            .collect()
+    };
+    let mut segmenter = Segmenter::new(config, SIZE.0, SIZE.1).unwrap();
+    for at in 0..10 {
+        segmenter.set_background(&shown(0.0, &|_, _, it| it)).unwrap();
+        let empty = shown(if at % 2 == 0 { off_px } else { -off_px }, &|_, _, it| it);
+        if is_rehearsed {
+            segmenter.rehearse(&empty).unwrap();
+        }
+    }
+    segmenter.set_background(&shown(0.0, &|_, _, it| it)).unwrap();
+    segmenter.update(&shown(off_px, &|x, y, it| if is_body(x, y) { [75.0; 3] } else { it })).unwrap();
+    let beside = segmenter.confidence().iter().enumerate().filter(|it| *it.1 >= BODY && it.0 % SIZE.0 < 50).count();
+    (overlap(&segmenter), beside)
+}
+
+#[test]
+fn after_rehearsals_gray_cloth_on_a_fine_grain_is_body_and_edges_that_are_elsewhere_are_none() {
+    let found = [true, false].map(|it| on_other_views(14.0, 0.0, it).0);
+    assert!(found[0] > 0.85 && found[1] < 0.5, "{found:?}");
+    let found = [true, false].map(|it| on_other_views(0.0, 0.8, it).1);
+    assert!(found[0] < 10 && found[1] > 60, "{found:?}");
+}

@@ -117,34 +117,47 @@ impl Texture {
 
     /// The limit below which `rate` of the background's pixels lie, from pictures of it that `model` was learnt from.
     pub fn learn(&mut self, pictures: &[Vec<u8>], model: &Model, rate: f32) {
+        let known: Vec<[f32; 2]> =
+            pictures.iter().map(|it| self.fits_of(it, model, |_, _| [1.0; CHANNELS], rate)).collect();
+        // The samples lie closer to a mean that is theirs than other pictures will.
+        let n = pictures.len() as f32;
+        let unseen = if n > 1.0 { (n + 1.0) / (n - 1.0) } else { 1.0 };
+        self.take(&known, unseen);
+    }
+
+    /// The fit of the median square of a picture, and that below which `rate` of them lie.
+    pub fn fits_of(
+        &mut self,
+        picture: &[u8],
+        model: &Model,
+        light: impl Fn(usize, usize) -> Gains,
+        rate: f32,
+    ) -> [f32; 2] {
         let size = squares(model);
         let all = Strip { columns: 0..size[0], rows: 0..size[1] };
-        let mut known = Vec::new();
-        for picture in pictures {
-            let mut counts = vec![0u32; STEPS];
-            self.measure(picture, model, |_, _| [1.0; CHANNELS], &all);
-            for it in &self.best {
-                counts[((it / STEP) as usize).min(STEPS - 1)] += 1;
-            }
-            let quantile = |rate: f32| {
-                let n = (rate * self.best.len() as f32).ceil().max(1.0) as u32;
-                let mut below = 0;
-                let at = counts.iter().position(|it| {
-                    below += it;
-                    below >= n
-                });
-                (at.unwrap_or(STEPS - 1) + 1) as f32 * STEP
-            };
-            known.push([quantile(0.5), quantile(rate)]);
+        self.measure(picture, model, light, &all);
+        let mut counts = vec![0u32; STEPS];
+        for it in &self.best {
+            counts[((it / STEP) as usize).min(STEPS - 1)] += 1;
         }
+        [0.5, rate].map(|rate| {
+            let n = (rate * self.best.len() as f32).ceil().max(1.0) as u32;
+            let mut below = 0;
+            let at = counts.iter().position(|it| {
+                below += it;
+                below >= n
+            });
+            (at.unwrap_or(STEPS - 1) + 1) as f32 * STEP
+        })
+    }
+
+    /// What is usual, and its limit, from [`Self::fits_of`] several pictures; others fit `unseen` times as badly.
+    pub fn take(&mut self, known: &[[f32; 2]], unseen: f32) {
         let middle = |axis: usize| {
             let mut of: Vec<f32> = known.iter().map(|it| it[axis]).collect();
             of.sort_by(f32::total_cmp);
             of.get(of.len() / 2).copied().unwrap_or(GAUSSIAN[axis])
         };
-        // The samples lie closer to a mean that is theirs than other pictures will.
-        let n = pictures.len() as f32;
-        let unseen = if n > 1.0 { (n + 1.0) / (n - 1.0) } else { 1.0 };
         self.usual = middle(0) * unseen;
         self.limit = BESIDE * (middle(1) * unseen).clamp(HELD[0] * self.usual, HELD[1] * self.usual);
     }
