@@ -11,6 +11,9 @@ use crate::foresight::Field;
 /// Of a boundary's slope where one of its neighbours is missing, and of that across a stripe [–].
 const SLOPE_SIGMA: f32 = 0.1;
 
+/// Stripes count as no wider than so many that face the camera: beyond, their slope changes too much [–].
+const WIDEST: f32 = 2.0;
+
 /// The projector column of a boundary, in the one repetition of the code that fits; `None` where none or several do.
 pub(crate) fn period_of(line: &Line, y: usize, stripe: f32, period: f32, lit_from: &Field) -> Option<f32> {
     let [a, b] = lit_from.at(line.x, y as f32);
@@ -57,9 +60,10 @@ impl Map {
 
     /// Gives the pixels beside a boundary their columns of the projector.
     pub(crate) fn draw(&mut self, y: usize, line: &Line, column: f32, stripe: f32, pitch: f32, beside: f32) {
-        // Without a neighbour the slope is that of a surface that faces the camera, about.
+        // Without a neighbour the slope is that of a surface that faces the camera, about. Where stripes are wide, as far beside as elsewhere in the projector's picture.
         let (slope, unsure, beside) = match line.slope.is_finite() {
-            true => (line.slope, SLOPE_SIGMA, beside),
+            true if line.is_last => (line.slope, SLOPE_SIGMA, beside),
+            true => (line.slope, SLOPE_SIGMA, beside * (1.0 / (line.slope * pitch)).clamp(1.0, WIDEST)),
             false => (1.0 / pitch, 0.5, 0.5),
         };
         let width = self.map.width as usize;

@@ -44,7 +44,7 @@ pub struct BoundariesSettings {
     /// Of the camera's gray levels, standard deviation [gray level]
     #[schemars(range(min = 0.05, max = 50.0))]
     pub noise: f32,
-    /// Pixels along the row, to either side of a boundary, that get the column of the projector [px]
+    /// Pixels along the row, to either side of a boundary, that get the column of the projector; on stripes up to twice as wide as those that face the camera as many more [px]
     #[schemars(range(min = 0.5, max = 8.0))]
     pub beside_px: f32,
     /// Pictures of a head whose angles are known worse than this are tracked and give no map: standard deviation of the larger one in the picture [px]

@@ -8,7 +8,7 @@
 //! Whether that was right the pictures that follow say, as of any track.
 
 use super::design::BoundaryCode;
-use super::track::Track;
+use super::track::{Track, widths};
 
 /// Rows above and below that say which boundary a new track is …
 const ROWS: usize = 2;
@@ -23,22 +23,24 @@ const LEAST_VAGUE: usize = 3;
 
 /// Gives tracks numbers that known ones around them agree on. `rows` ascend by column; `pitch` is from one stripe to the next [px].
 pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32) {
+    let wide: Vec<Vec<f32>> = rows.iter().map(|row| widths(row, pitch)).collect();
     let mut adopted: Vec<(usize, usize, usize, bool)> = Vec::new();
     // By row: columns of tracks that were seen twice, and what known ones to their left or right say. At an upright border of what is known no row has more than that, and rows agree.
     let said: Vec<Vec<(f32, usize)>> = rows
         .iter()
-        .map(|row| {
+        .zip(&wide)
+        .map(|(row, wide)| {
             let open = row.iter().enumerate().filter(|it| it.1.is_open() && it.1.is_seen_twice());
-            open.filter_map(|(at, it)| Some((it.now.x, numbers_beside(row, at, pitch).next()?))).collect()
+            open.filter_map(|(at, it)| Some((it.now.x, numbers_beside(row, at, wide[at]).next()?))).collect()
         })
         .collect();
     for (y, row) in rows.iter().enumerate() {
         for (at, track) in row.iter().enumerate().filter(|it| it.1.is_open()) {
             let x = track.now.x;
             let beside = (y.saturating_sub(ROWS)..(y + ROWS + 1).min(rows.len())).filter(|it| *it != y);
-            let beside = beside.map(|it| (it, REACH * pitch * it.abs_diff(y) as f32));
+            let beside = beside.map(|it| (it, REACH * wide[y][at] * it.abs_diff(y) as f32));
             let above_and_below = beside.clone().filter_map(|(it, reach)| number_at(&rows[it], x, reach));
-            let known = agreed(above_and_below.chain(numbers_beside(row, at, pitch)));
+            let known = agreed(above_and_below.chain(numbers_beside(row, at, wide[y][at])));
             let vague =
                 || beside.filter_map(|(it, reach)| said[it].iter().find(|it| (it.0 - x).abs() <= reach)).map(|it| it.1);
             let found = match known {
@@ -66,11 +68,11 @@ fn number_at(row: &[Track], x: f32, reach: f32) -> Option<usize> {
 }
 
 /// What the neighbours of a track in its row say of its number: that on its left, that on its right.
-fn numbers_beside(row: &[Track], at: usize, pitch: f32) -> impl Iterator<Item = usize> {
+fn numbers_beside(row: &[Track], at: usize, wide: f32) -> impl Iterator<Item = usize> {
     let n = BoundaryCode::get().len();
     let of = |other: Option<usize>, step: usize| {
         let track = row.get(other?).filter(|it| it.vouches())?;
-        let away = (track.now.x - row[at].now.x).abs() / pitch;
+        let away = (track.now.x - row[at].now.x).abs() / wide;
         track.number().filter(|_| NEXT.contains(&away)).map(|it| (it + step) % n)
     };
     [of(at.checked_sub(1), 1), of(at.checked_add(1), n - 1)].into_iter().flatten()

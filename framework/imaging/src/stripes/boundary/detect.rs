@@ -5,7 +5,10 @@
 //! the second derivative of A Φ(x / σ) is 0 there to first order in A′. σ is that of the Gaussian, A′ is taken from the lit side, and this is taken off.
 //!
 //! An edge of light has little light on its dark side; edges of the surface's own colour mostly have more, and are left out where they do.
+//!
+//! Edges of wide stripes, and faint ones, which so few pixels do not show, are found beside (`wide`).
 
+use super::wide::Wide;
 use crate::{ImageView, ImagingError};
 
 /// What is an edge.
@@ -97,8 +100,14 @@ pub fn detect(picture: &ImageView<'_>, options: &DetectOptions) -> Result<Edges,
     let per_thread = height.div_ceil(options.threads.max(1)).max(1);
     let n_saturated = std::thread::scope(|scope| {
         let run = |first: usize, rows: &mut [Vec<Edge>]| {
-            let mut work = Work { smooth: vec![0; width], slope: vec![0; width], shift: Vec::new() };
-            (first..).zip(rows).map(|(y, edges)| work.row(picture, y, options, edges)).sum::<usize>()
+            let mut work = Work { smooth: vec![0; width], slope: vec![0; width], shift: Vec::new(), blur: Vec::new() };
+            let mut wide = Wide::new(width);
+            let of_row = |(y, edges): (usize, &mut Vec<Edge>)| {
+                let n = work.row(picture, y, options, edges);
+                wide.row(picture, y, options, edges, &work.blur);
+                n
+            };
+            (first..).zip(rows).map(of_row).sum::<usize>()
         };
         let mut parts = rows.chunks_mut(per_thread).enumerate();
         let own = parts.next();
@@ -115,6 +124,8 @@ struct Work {
     slope: Vec<i16>,
     /// By edge: how far its surface's own shade moves the steepest place [px].
     shift: Vec<f32>,
+    /// By edge: its blur [px].
+    blur: Vec<f32>,
 }
 
 impl Work {
@@ -123,6 +134,8 @@ impl Work {
         let (width, height) = picture.size();
         let beside = options.beside;
         let margin = (beside + PLATEAU).max(3);
+        self.shift.clear();
+        self.blur.clear();
         if width < 2 * margin + 1 {
             return 0;
         }
@@ -135,7 +148,6 @@ impl Work {
         for (to, window) in self.slope[2..2 + n].iter_mut().zip(s.windows(5)) {
             *to = 2 * (window[3] - window[1]) + window[4] - window[0];
         }
-        self.shift.clear();
         let least = (4.0 * SLOPE_OF_STEP * options.min_step * 0.5) as i16;
         let mut n_saturated = 0;
         for x in margin..width - margin {
@@ -174,6 +186,7 @@ impl Work {
             let outer = if sign > 0 { s[x + beside + PLATEAU] } else { s[x - beside - PLATEAU] };
             let inner = if sign > 0 { s[x + beside] } else { s[x - beside] };
             let rise = f32::from(sign) * f32::from(outer - inner) / (4.0 * PLATEAU as f32);
+            self.blur.push(bend.recip().sqrt());
             self.shift.push(2.0 / bend * (rise / bright).clamp(-MOST_SHADE, MOST_SHADE));
             let sigma = 4.0 * 0.5 * SLOPE_NOISE * options.noise / curve.max(1.0);
             edges.push(Edge { x: x as f32 + part, is_rising: sign > 0, sigma: sigma.hypot(BEST_SIGMA) });

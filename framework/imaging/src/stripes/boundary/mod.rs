@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`design`] | which stripe is lit in which of the four pictures |
 //! | [`detect`] | edges of light along the rows of one picture |
+//! | `wide` | edges of wide stripes and of faint ones |
 //! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
 //! | [`agreement`] | which of the four pictures known tracks say it is |
 //! | `adopt` | new tracks get their numbers from known ones around them |
@@ -28,6 +29,7 @@ mod scene;
 mod sliding;
 pub mod track;
 pub mod turn;
+mod wide;
 
 pub use agreement::{Agreement, Shows};
 pub use decode::{Line, lines};

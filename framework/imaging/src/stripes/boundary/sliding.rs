@@ -107,7 +107,7 @@ fn place(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
 }
 
 /// How wide stripes are in the known part of a row that is nearest to a column and no farther than a few stripes [px].
-fn wide_beside(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
+pub(super) fn wide_beside(profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
     let after = after(profile, near, |it| it.1 < x);
     let pair = |left: usize| {
         let (a, b) = (profile.get(left)?, profile.get(left + 1)?);

@@ -19,15 +19,15 @@ use super::adopt::adopt;
 use super::common::common_shift;
 use super::design::{BoundaryCode, FRAMES, Look};
 use super::detect::{Edge, Edges};
-use super::sliding::{Sliding, left_of, profile};
+use super::sliding::{Profile, Sliding, left_of, profile, wide_beside};
 use crate::ImagingError;
 
 /// How edges are tracked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackOptions {
-    /// From one stripe to the next in the camera's picture, about [px].
+    /// From one stripe to the next in the camera's picture, on what faces it, about [px].
     pub pitch: f32,
-    /// How far a new track may be from where it is foretold, in stripes [–].
+    /// How far a new track may be from where it is foretold, in stripes as wide as known ones beside it are [–].
     pub new_reach: f32,
     /// The same for one that was seen twice: what moves does so evenly [–].
     pub known_reach: f32,
@@ -137,6 +137,14 @@ pub struct Tracker {
 /// What the caller foretells: how far what is at (x, y) moves from the picture before to this one, in columns and rows [px].
 pub type Shift<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
 
+/// How much farther a track may be from where it is foretold on a surface that goes a stripe on from picture to picture: one that was seen twice or three times, whose velocity has hardly been borne out [–] …
+const YOUNG: f32 = 0.75;
+/// … and one for each picture that it was not seen in [–].
+const UNSEEN: f32 = 0.5;
+/// Numbers are given outwards from what is known so many boundaries a picture: a surface may go on by two.
+const ADOPTIONS: usize = 3;
+/// Stripes are taken for no wider than so many that face the camera.
+const WIDEST: f32 = 2.0;
 /// Cost of an edge without a track.
 const NEW: f32 = 3.0;
 /// Cost of a track that is not seen and may be a ghost.
@@ -272,13 +280,14 @@ impl Tracker {
     /// Takes up the edges of a picture that shows picture `frame` of the code.
     pub fn update(&mut self, edges: &Edges, frame: usize) {
         let options = self.options;
+        let lively = self.sliding.stripes.abs().min(1.0);
         let per_thread = self.rows.len().div_ceil(options.threads.max(1)).max(1);
         let rows = self.rows.make_contiguous();
         std::thread::scope(|scope| {
             let mut parts = rows.chunks_mut(per_thread).zip(edges.rows.chunks(per_thread));
             let own = parts.next();
             let run = move |(rows, edges): (&mut [Vec<Track>], &[Vec<Edge>])| {
-                let mut matcher = Matcher::default();
+                let mut matcher = Matcher { lively, ..Matcher::default() };
                 for (tracks, edges) in rows.iter_mut().zip(edges) {
                     matcher.row(tracks, edges, frame, &options);
                 }
@@ -289,7 +298,9 @@ impl Tracker {
             own.into_iter().for_each(run);
         });
         self.spread_velocities();
-        adopt(self.rows.make_contiguous(), self.options.pitch);
+        for _ in 0..ADOPTIONS {
+            adopt(self.rows.make_contiguous(), self.options.pitch);
+        }
     }
 
     /// New tracks move as known ones of the rows beside do.
@@ -337,9 +348,13 @@ enum Choice {
 struct Matcher {
     costs: Vec<f32>,
     choices: Vec<Choice>,
+    /// How far the surface goes through the stripes from picture to picture, one at most [stripes].
+    lively: f32,
     /// By track: its edge.
     edge_of: Vec<Option<usize>>,
     is_taken: Vec<bool>,
+    /// Boundaries of the row that are known, where they are foretold.
+    profile: Profile,
     new: Vec<Track>,
 }
 
@@ -409,6 +424,8 @@ impl Matcher {
             self.costs[j] = j as f32 * NEW;
         }
         // Edges outside of a track's reach cannot be matched with it: their columns of the table only pass costs on.
+        self.profile = profile(tracks);
+        let mut near = 0;
         for (i, track) in tracks.iter().enumerate() {
             let skip = match (track.possible & hidden, track.possible & !hidden) {
                 (0, _) => MISSED,
@@ -416,8 +433,14 @@ impl Matcher {
                 _ => MAYBE_GHOST,
             };
             // Only the second picture may find a track far from where it is foretold: it says how fast it is.
-            let reach = if track.seen > 1 { options.known_reach } else { options.new_reach };
-            let reach = reach * options.pitch;
+            let reach = match track.seen {
+                0 | 1 => options.new_reach,
+                2 | 3 => options.known_reach * (1.0 + YOUNG * self.lively),
+                _ => options.known_reach,
+            };
+            let reach = (reach * (1.0 + UNSEEN * self.lively * track.unseen as f32)).min(options.new_reach);
+            near = left_of(&self.profile, near, track.now.x);
+            let reach = reach * wide_here(&self.profile, near, track.now.x, options.pitch);
             let scale = 0.5 * reach;
             let (above, row) = self.costs[i * wide..].split_at_mut(wide);
             let choices = &mut self.choices[(i + 1) * wide..(i + 2) * wide];
@@ -481,6 +504,21 @@ fn see(track: &mut Track, edge: &Edge, frame: usize) {
     track.run += 1;
     track.owed &= !bit(frame);
     (track.unseen, track.missed) = (0, 0);
+}
+
+/// How wide stripes are about a column that is `near` in the profile of its row [px].
+fn wide_here(profile: &Profile, near: usize, x: f32, pitch: f32) -> f32 {
+    wide_beside(profile, near, x).map_or(pitch, |it| it.clamp(pitch, WIDEST * pitch))
+}
+
+/// How wide stripes are about each track of a row [px].
+pub(super) fn widths(row: &[Track], pitch: f32) -> Vec<f32> {
+    let (profile, mut near) = (profile(row), 0);
+    let of = |it: &Track| {
+        near = left_of(&profile, near, it.now.x);
+        wide_here(&profile, near, it.now.x, pitch)
+    };
+    row.iter().map(of).collect()
 }
 
 fn bit(frame: usize) -> u8 {
