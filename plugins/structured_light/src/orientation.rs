@@ -19,27 +19,68 @@ const STRIDE: usize = 8;
 const FAR: f64 = 6.0;
 /// Cosine of the angle between the way a coordinate changes and the way that the other one should, at least, for them to be exchanged [–].
 const OTHER_WAY: f64 = 0.8;
+/// The same of the way that it should change itself, at most, for the picture to be mirrored [–].
+const AGAINST: f64 = -0.5;
 
-/// Why columns alone cannot be columns, or rows rows: how a coordinate changes over the camera's picture follows from how camera and projector stand, and little from the surface, of which
-/// only slopes along the epipolar lines turn it; `None` where it agrees, or both coordinates are there, which contradict each other by themselves.
-pub(crate) fn other_axis(camera: &Camera, projector: &Camera, map: &ProjectorMap) -> Option<String> {
-    let (width, height) = (map.width as usize, map.height as usize);
-    let places: Vec<(usize, usize)> = (0..height.saturating_sub(STRIDE))
-        .step_by(STRIDE)
-        .flat_map(|y| (0..width.saturating_sub(STRIDE)).step_by(STRIDE).map(move |x| (x, y)))
-        .collect();
-    let is_known = |axis: usize| places.iter().any(|it| map.get(it.0, it.1).coordinate[axis].is_finite());
-    let stated = match [0, 1].map(is_known) {
-        [true, false] => 0,
-        [false, true] => 1,
+/// Why a map cannot be what the calibration says: how a coordinate changes over the camera's picture follows from how camera and projector stand, and little from the surface, of which
+/// only slopes along the epipolar lines turn it, and never round. So columns alone that are rows, or the other way round, are told, and pictures that are mirrored or turned; `None` where all agrees. Both coordinates that
+/// are exchanged contradict each other by themselves.
+pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap) -> Option<String> {
+    let [columns, rows] = [0, 1].map(|axis| changes(camera, projector, map, axis));
+    if let Some((axis, one)) = match (&columns, &rows) {
+        (Some(it), None) => Some((0, it)),
+        (None, Some(it)) => Some((1, it)),
+        _ => None,
+    } {
+        let like = one.expected.map(|it| it.dot(&one.seen).abs());
+        if like[1 - axis] > OTHER_WAY && like[1 - axis] > 2.0 * like[axis] {
+            let words = ["columns", "rows"];
+            return Some(format!(
+                "{}: what is decoded as {} of the projector changes over the picture as its {} would, expected otherwise as camera and projector stand: write `{}` in place of `{}` in `pattern.order`, if that is what was shown",
+                map.name,
+                words[axis],
+                words[1 - axis],
+                words[1 - axis],
+                words[axis]
+            ));
+        }
+    }
+    let is_against =
+        |it: &Option<Changes>, axis: usize| it.as_ref().map(|it| it.expected[axis].dot(&it.seen) < AGAINST);
+    let (what, how) = match [is_against(&columns, 0), is_against(&rows, 1)] {
+        [Some(true), Some(true)] => ("columns and rows", "turned by 180 degrees"),
+        [Some(true), None] => ("columns", "mirrored left to right or turned by 180 degrees"),
+        [None, Some(true)] => ("rows", "mirrored top to bottom or turned by 180 degrees"),
+        [Some(true), Some(false)] => ("columns", "mirrored left to right"),
+        [Some(false), Some(true)] => ("rows", "mirrored top to bottom"),
         _ => return None,
     };
+    Some(format!(
+        "{}: {what} of the projector run over the picture the other way round than they must as camera and projector stand by the calibration: the camera's pictures or the projector's are {how}; turn them back, or calibrate with pictures as these are",
+        map.name
+    ))
+}
+
+/// How one coordinate changes over the camera's picture.
+struct Changes {
+    /// To the right and down, in the middle of all pixels, as a direction.
+    seen: Vector2<f64>,
+    /// As columns and as rows would on a surface far away.
+    expected: [Vector2<f64>; 2],
+}
+
+/// How coordinate `axis` changes; `None` where too few pixels have it.
+fn changes(camera: &Camera, projector: &Camera, map: &ProjectorMap, axis: usize) -> Option<Changes> {
+    let (width, height) = (map.width as usize, map.height as usize);
+    let places = (0..height.saturating_sub(STRIDE))
+        .step_by(STRIDE)
+        .flat_map(|y| (0..width.saturating_sub(STRIDE)).step_by(STRIDE).map(move |x| (x, y)));
     let distance = FAR * (camera.centre() - projector.centre()).norm().max(0.1);
     let lit_from = |x: f64, y: f64| projector.project(&camera.ray(&Point2::new(x, y))?.at(distance));
     let mut seen: [Vec<f64>; 2] = Default::default();
     let mut expected = [Vector2::zeros(); 2];
     for (x, y) in places {
-        let at = |x: usize, y: usize| f64::from(map.get(x, y).coordinate[stated]);
+        let at = |x: usize, y: usize| f64::from(map.get(x, y).coordinate[axis]);
         let change = [at(x + STRIDE, y) - at(x, y), at(x, y + STRIDE) - at(x, y)];
         if !change.iter().all(|it| it.is_finite()) {
             continue;
@@ -52,9 +93,9 @@ pub(crate) fn other_axis(camera: &Camera, projector: &Camera, map: &ProjectorMap
         else {
             continue;
         };
-        for axis in 0..2 {
-            seen[axis].push(change[axis]);
-            expected[axis] += Vector2::new(right[axis] - from[axis], below[axis] - from[axis]);
+        for it in 0..2 {
+            seen[it].push(change[it]);
+            expected[it] += Vector2::new(right[it] - from[it], below[it] - from[it]);
         }
     }
     if seen[0].len() < MIN_SAMPLES {
@@ -66,15 +107,7 @@ pub(crate) fn other_axis(camera: &Camera, projector: &Camera, map: &ProjectorMap
     };
     let [along, down] = seen.each_mut().map(median);
     let seen = Vector2::new(along, down).try_normalize(1e-9)?;
-    let like = expected.map(|it| it.try_normalize(1e-9).map_or(0.0, |it| it.dot(&seen).abs()));
-    let other = 1 - stated;
-    (like[other] > OTHER_WAY && like[other] > 2.0 * like[stated]).then(|| {
-        let words = ["columns", "rows"];
-        format!(
-            "{}: what is decoded as {} of the projector changes over the picture as its {} would, expected otherwise as camera and projector stand: does `pattern.order` name the right stripes?",
-            map.name, words[stated], words[other]
-        )
-    })
+    Some(Changes { seen, expected: expected.map(|it| it.try_normalize(1e-9).unwrap_or_else(Vector2::zeros)) })
 }
 
 /// What may have been done to pictures, in words: whether the camera's are flipped along x and y, and those of the projector.
@@ -92,7 +125,7 @@ const CHANGES: [([bool; 2], [bool; 2], &str); 6] = [
 ];
 
 /// The same of the order of the stripes.
-const EXCHANGED: &str = "columns and rows were exchanged (`pattern.order`)";
+const EXCHANGED: &str = "columns and rows were exchanged";
 
 /// What would make most pixels of `map` fit, columns and rows of which do not belong to one point as they are; `None` where nothing does. Points fit
 /// within `max_misfit` [projector px].
@@ -135,5 +168,10 @@ pub(crate) fn likely_change(
         return None;
     }
     let words: Vec<&str> = found.iter().filter(|it| it.0 > 0.9 * best).map(|it| it.1).collect();
-    Some(format!("{:.0} % of them would if {}", 100.0 * best, words.join(", or if ")))
+    let mend = if words == [EXCHANGED] {
+        "exchange `columns` and `rows` in `pattern.order` of the decoder"
+    } else {
+        "turn them back, or calibrate with pictures as these are"
+    };
+    Some(format!("{:.0} % of them would if {}: {mend}", 100.0 * best, words.join(", or if ")))
 }

@@ -16,7 +16,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, SMatrix, Translation3, UnitQuaternion
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::orientation::{likely_change, other_axis};
+use crate::orientation::{likely_change, wrong_way};
 use crate::pair::{OnRay, triangulate, triangulate_ray};
 use crate::pattern::projector_of;
 use crate::unfit::{misfit, too_vague};
@@ -314,7 +314,7 @@ impl Triangulator {
             (found != expected).then(|| format!("{whose} {a} x {b} px, expected {c} x {d} px as in the calibration"))
         };
         let of_size = sizes.into_iter().zip(whose).find_map(fault);
-        of_size.or_else(|| if map.name.is_empty() { None } else { other_axis(&self.camera, &self.projector, map) })
+        of_size.or_else(|| if map.name.is_empty() { None } else { wrong_way(&self.camera, &self.projector, map) })
     }
 
     fn cloud(&mut self, map: &ProjectorMap, time: Time, white: Option<&Image>, pose: Option<&HeadPose>) -> PointCloud {

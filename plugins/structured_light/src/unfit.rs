@@ -4,12 +4,9 @@ use foveate::prelude::ProjectorMap;
 
 /// What a set with more pixels that do not fit than points is told: these points are accidents.
 pub(crate) fn misfit(name: &str, [misfits, unmet]: [u64; 2], points: u64, change: Option<String>) -> String {
-    let why = change.map_or_else(
-        || {
+    let why = change.unwrap_or_else(|| {
             "did nothing move during the set, is the order of the pictures, is `centred`, are the calibrations of camera and projector those of this set?".to_owned()
-        },
-        |it| format!("{it}: turn them back, or calibrate with pictures as these are"),
-    );
+        });
     let apart = match unmet {
         0 => String::new(),
         it => format!(

@@ -170,7 +170,40 @@ fn columns_alone_that_are_called_rows_make_no_cloud_and_both_exchanged_are_told(
         let node = Triangulator::new(TriangulatorSettings::default(), &setup()).unwrap();
         assert_eq!(node.unfit(&right), None);
     }
-    refused(changed(&whole, |x, y| exchanged(whole.get(x, y))), "columns and rows were exchanged");
+    let expected = "columns and rows were exchanged: exchange `columns` and `rows` in `pattern.order`";
+    refused(changed(&whole, |x, y| exchanged(whole.get(x, y))), expected);
+}
+
+#[test]
+fn pictures_that_are_mirrored_or_turned_make_no_cloud_whichever_coordinates_there_are() {
+    let whole = map(0.05);
+    for (known, flips, expected) in [
+        ([true, true], [true, false], "columns of the projector run over the picture the other way round"),
+        ([true, true], [false, true], "are mirrored top to bottom; turn them back"),
+        ([true, true], [true, true], "are turned by 180 degrees; turn them back"),
+        ([true, false], [true, false], "are mirrored left to right or turned by 180 degrees"),
+        ([true, false], [true, true], "are mirrored left to right or turned by 180 degrees"),
+        ([false, true], [false, true], "are mirrored top to bottom or turned by 180 degrees"),
+    ] {
+        for is_camera in [true, false] {
+            let flip = |is: bool, at: usize, side: usize| if is { side - 1 - at } else { at };
+            let one = |x: usize, y: usize| {
+                let (x, y) = if is_camera { (flip(flips[0], x, 640), flip(flips[1], y, 480)) } else { (x, y) };
+                let mut sample = whole.get(x, y);
+                for axis in 0..2 {
+                    let side = [1023.0, 767.0][axis];
+                    let at = sample.coordinate[axis];
+                    sample.coordinate[axis] = match (known[axis], !is_camera && flips[axis]) {
+                        (false, _) => f32::NAN,
+                        (true, true) => side - at,
+                        (true, false) => at,
+                    };
+                }
+                sample
+            };
+            refused(changed(&whole, one), expected);
+        }
+    }
 }
 
 #[test]
@@ -222,7 +255,8 @@ fn a_map_that_mostly_does_not_fit_makes_no_cloud() {
     bench.feed(&MAP, Time::ZERO, mirrored).unwrap();
     assert_eq!(bench.outputs(&CLOUD).len(), 0);
     let gaps = bench.gaps(&CLOUD);
-    let expected = "do; expected most to: 100 % of them would if the camera's pictures were mirrored left to right";
+    let expected =
+        "do; expected most to: 100 % of them would if the camera's pictures were mirrored left to right: turn";
     assert!(gaps[0].reason.contains(expected), "{gaps:?}");
 }
 
