@@ -3,7 +3,7 @@
 use foveate::estimation::random::Random;
 use foveate::imaging::stripes::code::{Axis, Group, StripeCode};
 use foveate::imaging::stripes::pattern::picture;
-use nalgebra::Unit;
+use nalgebra::{Point2, Point3, Unit};
 
 use super::*;
 

@@ -6,7 +6,7 @@ use foveate::imaging::stripes::code::Group;
 use foveate::imaging::stripes::pattern::picture;
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 use foveate_testkit::check_node;
-use nalgebra::{Matrix2, Matrix6};
+use nalgebra::{Matrix2, Matrix6, Point2};
 
 use super::*;
 use crate::pair::tests::rig;
