@@ -6,7 +6,7 @@
 use foveate::imaging::{Channel, FlowSettings, ImageView, ImagingError, LucasKanade, Pyramid, Template, plane};
 use nalgebra::{Matrix4, Point2, Similarity2, Translation2, UnitComplex, Vector2, Vector4};
 
-use super::bent::{Bent, Rest};
+use super::bent::{Bent, Rest, biweight};
 
 /// So many patches a picture, about, each from a cell of its own …
 const PATCHES: usize = 160;
@@ -159,12 +159,10 @@ fn agreed(found: &[[Point2<f64>; 2]], size: [usize; 2]) -> Option<Similarity2<f6
             let rows = [Vector4::new(1.0, 0.0, at.x, -at.y), Vector4::new(0.0, 1.0, at.y, at.x)];
             let target = to - from;
             let off = target - Vector2::new(rows[0].dot(&state), rows[1].dot(&state));
-            // Tukey's biweight.
-            let share = off.norm() / AGREE_PX;
-            if share >= 1.0 {
+            let weight = biweight(off.norm() / AGREE_PX);
+            if weight == 0.0 {
                 continue;
             }
-            let weight = (1.0 - share * share).powi(2);
             n_used += 1;
             for (row, target) in rows.iter().zip(target.iter()) {
                 normal += weight * row * row.transpose();

@@ -89,7 +89,7 @@ fn shift_at(place: &Point2<f64>, rest: &[Rest], weights: &[f64], but: Option<usi
 }
 
 /// Tukey's; `share` of the width.
-fn biweight(share: f64) -> f64 {
+pub(super) fn biweight(share: f64) -> f64 {
     if share < 1.0 { (1.0 - share * share).powi(2) } else { 0.0 }
 }
 
