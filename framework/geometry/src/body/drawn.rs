@@ -203,7 +203,7 @@ pub(super) fn hull_cells(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> 
 }
 
 /// How near the line of sight from `from` through `place` passes a piece of a line [m].
-fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) -> f64 {
+pub(super) fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) -> f64 {
     let way = (place - from).normalize();
     let off = |it: &Point3<f64>| {
         let away = it - from;

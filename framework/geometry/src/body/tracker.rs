@@ -136,6 +136,9 @@ pub struct BodyTracker {
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
+    /// The frame from which on it is looked for anew, and how long to wait when nothing better is found.
+    next_look: u64,
+    wait: u64,
     /// Of each arm, what the voxels around its lower part hold over that part's volume [–].
     room: [f64; 2],
     /// Of each limb, whether it lies at another body that touches.
@@ -157,6 +160,12 @@ const REST_FROM: f64 = 0.03;
 const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
 const ANEW_GAIN: f64 = 0.06;
+/// Of a head that is one, so much of the skin is there, and so much of all skin may be nobody's [–]; another body is that much more likely [–, logarithm].
+const HEAD_SEEN: f64 = 0.8;
+const HEAD_REST: f64 = 0.03;
+const HEAD_BETTER: f64 = 10.0;
+/// Middles of trunks farther apart are two people's [m]: a head that is taken for a chest, or a chest for a belly, moves it by half as much.
+const ONE_PERSON: f64 = 0.6;
 /// The same share and gain for who was taken for a child.
 const CHILD_ANEW: [f64; 2] = [0.04, 0.02];
 
@@ -194,10 +203,10 @@ impl BodyTracker {
         }
         self.judge_trunk(field, dt_s);
         self.judge_facing(field, dt_s);
+        if self.look_anew(field) {
+            return;
+        }
         if self.frame.is_multiple_of(ANEW_EVERY) {
-            if self.look_anew(field) {
-                return;
-            }
             if self.support.unexplained > REST_FROM {
                 self.reach_for_rest(field, labelled, 1);
             }
@@ -208,20 +217,41 @@ impl BodyTracker {
     }
 
     /// A fit that began wrong explains little and hardly finds out by itself: a body found in these voxels alone, without what went before, takes its place if it explains more.
+    ///
+    /// Begun in silhouettes that lost the head, it took the chest for one: that is a head of which a third of the skin lacks, below a head that is nobody's.
     fn look_anew(&mut self, field: &VoxelField) -> bool {
         let left = self.support.unexplained;
         // A child may be somebody grown up whose head the silhouettes had lost.
         let [from, gain] = if self.child.is_some() { CHILD_ANEW } else { [ANEW_FROM, ANEW_GAIN] };
-        if left < from {
+        let is_doubtful = self.has_doubtful_head();
+        if !(left >= from || is_doubtful) || self.frame < self.next_look {
             return false;
         }
         match Self::acquire(field, &self.options) {
-            Ok(anew) if anew.support.unexplained < left - gain => {
+            Ok(anew)
+                if self.is_same(&anew)
+                    && (anew.support.unexplained < left - gain
+                        || is_doubtful && !anew.has_doubtful_head() && anew.cost() + HEAD_BETTER < self.cost()) =>
+            {
                 *self = Self { frame: self.frame, ..anew };
                 true
             }
-            _ => false,
+            _ => {
+                // In voxels that are no better nothing better is found soon.
+                self.wait = (2 * self.wait).min(if left >= from { ANEW_EVERY } else { 3 * ANEW_EVERY });
+                self.next_look = self.frame + self.wait;
+                false
+            }
         }
+    }
+
+    fn has_doubtful_head(&self) -> bool {
+        self.support.covered[Part::Head.index()] < HEAD_SEEN || self.support.unexplained > HEAD_REST
+    }
+
+    /// Whether what was found anew is the same person, not somebody beside.
+    fn is_same(&self, found: &Self) -> bool {
+        (found.filter.body.torso - self.filter.body.torso).norm() < ONE_PERSON
     }
 
     /// A frame without voxels: everything goes on as it moved.
@@ -285,12 +315,11 @@ impl BodyTracker {
         // The same body begins anew, as large as it is known to be.
         let mut options = self.options.clone();
         options.proportions.stature = 2.0 * self.filter.body.size(Part::Torso).z / 0.34;
-        if let Ok(found) = Self::acquire(field, &options) {
-            let near = (found.filter.body.torso - self.filter.body.torso).norm();
-            if near < 0.6 {
-                let kept = self.options.clone();
-                *self = Self { options: kept, frame: self.frame, ..found };
-            }
+        if let Ok(found) = Self::acquire(field, &options)
+            && self.is_same(&found)
+        {
+            let kept = self.options.clone();
+            *self = Self { options: kept, frame: self.frame, ..found };
         }
     }
 

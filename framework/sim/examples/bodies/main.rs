@@ -1,7 +1,8 @@
 //! Bodies of simulated people in voxels, found and followed, against their true joints: table by cameras and voxels.
 //!
 //! `FOVEATE_DATA=… cargo run --release -p foveate-sim --example bodies -- [PEOPLE] [SECONDS] [CAMERAS] [VOXEL_MM] [FAULTS] [FIRST]` prints a line a person and the
-//! whole; `… --example bodies -- growth [FILE.svg]` how time and error grow with views, voxels and people. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing.
+//! whole; `… --example bodies -- growth [FILE.svg]` how time and error grow with views, voxels and people. FAULTS 0: silhouettes are those of the true body; 1: holes, shadows at the feet, views that are missing;
+//! 2: at the beginning, for half a second or less, views lack a large piece of the body, the same one in all frames.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,11 +18,13 @@ use nalgebra::{Point3, Vector2, Vector3};
 mod growth;
 mod scene;
 
-use scene::{carve, ring};
+use scene::{Faults, carve, ring};
 
 const RATE_HZ: f64 = 30.0;
 /// Hands above this are fast [m/s].
 const FAST: f64 = 3.0;
+/// Heads that are wrong after that will stay so [s].
+const LATE_S: f64 = 1.5;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     if std::env::args().nth(1).as_deref() == Some("growth") {
@@ -30,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<f64> = std::env::args().skip(1).map_while(|it| it.parse().ok()).collect();
     let argument = |place: usize, default: f64| arguments.get(place).copied().unwrap_or(default);
     let (people, seconds) = (argument(0, 20.0) as u64, argument(1, 4.0));
-    let (cameras, voxel, faults) = (argument(2, 4.0) as usize, argument(3, 50.0) / 1e3, argument(4, 0.0) > 0.0);
+    let (cameras, voxel, faults) = (argument(2, 4.0) as usize, argument(3, 50.0) / 1e3, argument(4, 0.0) as u32);
     let first = argument(5, 0.0) as u64;
     let files = motions()?;
     let cameras = ring(cameras, if cameras <= 4 { [320, 240] } else { [640, 480] });
@@ -42,11 +45,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut random = Random::new(1000 + seed);
         let person = Person::whole(Arc::clone(&body), Vector2::zeros(), &mut random);
         let girth = random.uniform_in(0.9, 1.25);
+        let mut of_pieces = Random::new(5000 + seed);
+        let (lost, lost_s) = (scene::lost_pieces(&cameras, &mut of_pieces), of_pieces.uniform_in(0.03, 0.5));
         let mut score = Score::default();
         let mut tracker: Option<BodyTracker> = None;
         for frame in 0..(seconds * RATE_HZ) as usize {
             let time = frame as f64 / RATE_HZ;
             let pose = person.pose(time);
+            let faults = match faults {
+                1 => Faults::Specks,
+                2 if time < lost_s => Faults::Pieces(&lost),
+                _ => Faults::None,
+            };
             let voxels = carve(&pose, girth, &cameras, voxel, faults, &mut random);
             let start = Instant::now();
             let field = VoxelField::new(voxel, &voxels.0, &voxels.1, ENDLESS);
@@ -168,6 +178,7 @@ struct Score {
     bodies: usize,
     heads_right: usize,
     heads_wrong: usize,
+    heads_wrong_late: usize,
     swapped: usize,
     complete_s: Vec<f64>,
     is_complete: bool,
@@ -222,6 +233,7 @@ impl Score {
                     self.heads_right += 1;
                 } else {
                     self.heads_wrong += 1;
+                    self.heads_wrong_late += usize::from(time > LATE_S);
                 }
             }
             let entry = match self.lost_for.iter_mut().find(|it| it.0 == *joint) {
@@ -285,6 +297,7 @@ impl Score {
         self.bodies += other.bodies;
         self.heads_right += other.heads_right;
         self.heads_wrong += other.heads_wrong;
+        self.heads_wrong_late += other.heads_wrong_late;
         self.swapped += other.swapped;
         if !other.is_complete {
             self.complete_s.push(f64::INFINITY);
@@ -304,11 +317,12 @@ impl Score {
         let mut ms: Vec<f64> = self.times.iter().map(|it| it * 1e3).collect();
         let frames = self.frames as f64;
         format!(
-            "median {:>5.1} p95 {:>6.1} mm | head {:.2} wrong {:.2} | missing {:.3} lost {} ({} bodies) swapped {:.2} | complete {:.2} s | {:.1} ms{}",
+            "median {:>5.1} p95 {:>6.1} mm | head {:.2} wrong {:.3} late {:.3} | missing {:.3} lost {} ({} bodies) swapped {:.2} | complete {:.2} s | {:.1} ms{}",
             percentile(&mut mm, 0.5),
             percentile(&mut mm, 0.95),
             self.heads_right as f64 / frames,
             self.heads_wrong as f64 / frames,
+            self.heads_wrong_late as f64 / frames,
             self.missing as f64 / frames / 10.0,
             self.lost,
             self.lost_bodies,

@@ -75,18 +75,45 @@ fn disc(mask: &mut [u8], [width, height]: [i32; 2], [x, y]: [f64; 2], radius: f6
     }
 }
 
-/// Voxels whose centres lie in all silhouettes of one person. `faults`: holes, shadows at the feet, views that are missing.
+/// What silhouettes have that are not the body's.
+#[derive(Clone, Copy)]
+pub enum Faults<'a> {
+    None,
+    /// Holes, shadows at the feet, views that are missing.
+    Specks,
+    /// Of each view what it lacks: number of a ball in thousandths of all, and a radius [m].
+    Pieces(&'a [Option<(u32, f64)>]),
+}
+
+/// Up to half of the views lack a piece of the body as large as a head or half a trunk.
+pub fn lost_pieces(cameras: &[Camera], random: &mut Random) -> Vec<Option<(u32, f64)>> {
+    let one = |_: &Camera| (random.uniform() < 0.5).then(|| (random.below(1000), random.uniform_in(0.1, 0.35)));
+    cameras.iter().map(one).collect()
+}
+
+/// Voxels whose centres lie in all silhouettes of one person.
 pub fn carve(
     pose: &Pose,
     girth: f64,
     cameras: &[Camera],
     size: f64,
-    faults: bool,
+    faults: Faults,
     random: &mut Random,
 ) -> (Point3<f64>, Vec<[u16; 3]>) {
     let balls = balls(pose, girth);
     let mut masks: Vec<(&Camera, Vec<u8>)> = cameras.iter().map(|it| (it, mask(it, &balls))).collect();
-    if faults {
+    if let Faults::Pieces(pieces) = faults {
+        for ((camera, mask), piece) in masks.iter_mut().zip(pieces) {
+            let Some((number, radius)) = piece else { continue };
+            let (centre, _) = balls[*number as usize * balls.len() / 1000];
+            if let Some(pixel) = camera.project(&centre) {
+                let depth = (camera.camera_from_world * centre).z;
+                let size = camera.image_size.map(|it| it as i32);
+                disc(mask, size, [pixel.x, pixel.y], camera.intrinsics.focal[0] * radius / depth, 0);
+            }
+        }
+    }
+    if let Faults::Specks = faults {
         if random.uniform() < 0.05 {
             masks.remove(random.below(cameras.len() as u32) as usize);
         }

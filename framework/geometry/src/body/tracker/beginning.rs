@@ -139,6 +139,8 @@ impl BodyTracker {
             trunk_weak_s: 0.0,
             is_lost: false,
             frame: 0,
+            next_look: 0,
+            wait: 1,
             room: [1.0; 2],
             shared: [false; 4],
             share: 1.0,
