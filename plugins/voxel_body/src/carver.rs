@@ -327,7 +327,7 @@ impl Carver {
             Ok(dropped) => {
                 drop(views);
                 self.count(&voxels, dropped.count);
-                self.words.see(&voxels, dropped.largest);
+                self.words.see(&voxels, &dropped);
                 io.emit_at(&VOXELS, time, voxels);
             }
             Err(reason) => {

@@ -54,13 +54,15 @@ pub struct HullOptions {
     pub doubt: DoubtOptions,
 }
 
-/// Pieces that were left out for their size.
+/// What a set of voxels leaves out.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Dropped {
-    /// How many.
+    /// Pieces that were left out for their size.
     pub count: usize,
-    /// Of the largest [m³].
+    /// Of the largest of these [m³].
     pub largest: f64,
+    /// Whether silhouettes go on below the volume's floor.
+    pub goes_below: bool,
 }
 
 /// One camera's part.
@@ -96,6 +98,8 @@ pub struct Hull {
 /// Why one view carves nothing.
 pub(crate) const ONE_VIEW: &str =
     "one view alone bounds no body: no other camera has a silhouette of this time that is worth anything";
+/// A body that reaches so far below the volume's floor stands on another one [m]: below a foot, cameras that look down by 45° or less do not call so much body.
+const BELOW: f64 = 0.15;
 /// A litre, and the part of the largest piece, below which pieces are left out where nothing is said [m³, –].
 const SMALLEST: [f64; 2] = [1e-3, 0.05];
 
@@ -216,7 +220,28 @@ impl Hull {
         }
         let left_out = &parts.list[n_kept..];
         let largest = left_out.first().map_or(0.0, |it| f64::from(it.n_voxels) * grid.size.powi(3));
-        Ok(Dropped { count: left_out.len(), largest })
+        let goes_below = self.goes_below(&grid, offset, &surface, &used_views(views, statuses));
+        Ok(Dropped { count: left_out.len(), largest, goes_below })
+    }
+
+    /// Whether what stands on the volume's floor goes on below it: silhouettes of views that do not look down steeply have a body there, too.
+    fn goes_below(&self, grid: &VoxelGrid, offset: [u32; 3], surface: &BitGrid, used: &[SilhouetteView]) -> bool {
+        if offset[2] > 0 {
+            return false;
+        }
+        let (mut n_floor, mut n_below) = (0, 0);
+        for index in surface.iter().filter(|it| it[2] == 0) {
+            let below = grid.centre(index) - Vector3::z() * BELOW;
+            let is_flat = |it: &&SilhouetteView| {
+                let away = it.camera.centre() - below;
+                away.z.abs() < away.xy().norm()
+            };
+            let flat: Vec<SilhouetteView> = used.iter().filter(is_flat).copied().collect();
+            let (seen, dissent) = opinions(&below, &flat);
+            n_floor += 1;
+            n_below += u32::from(seen >= 2 && dissent == 0);
+        }
+        2 * n_below > n_floor
     }
 
     fn status(&self, view: &View) -> ViewStatus {

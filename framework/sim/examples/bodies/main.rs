@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use foveate_estimation::random::Random;
 use foveate_geometry::body::field::ENDLESS;
-use foveate_geometry::body::{BodyTracker, Joint, Part, TrackerOptions, VoxelField};
+use foveate_geometry::body::{BodyTracker, Joint, JointSource, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
 use foveate_sim::person::{Person, Pose, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
@@ -166,8 +166,8 @@ struct Score {
     errors: Vec<(Joint, f64)>,
     /// Joint, from the true place to the one found: to the front, to the side that the joint is on, up [m].
     biases: Vec<(Joint, [f64; 3])>,
-    /// Joint, squared error over what is stated, a third of it: 1 where sigmas are right.
-    normalised: Vec<(Joint, f64)>,
+    /// Joint, how it came to be, squared error over what is stated, a third of it: 1 where sigmas are right.
+    normalised: Vec<(Joint, JointSource, f64)>,
     /// Of the torso's front from the true one [rad].
     yaws: Vec<f64>,
     /// How sure the sides are, and whether they are right.
@@ -278,7 +278,7 @@ impl Score {
             let away = it.position - place;
             let out = if named.name().starts_with("right") { -1.0 } else { 1.0 };
             if let Some(inverse) = it.covariance.fixed_view::<3, 3>(0, 0).into_owned().try_inverse() {
-                self.normalised.push((named, away.dot(&(inverse * away)) / 3.0));
+                self.normalised.push((named, it.source, away.dot(&(inverse * away)) / 3.0));
             }
             self.biases.push((named, [away.dot(&front), away.dot(&left) * out, away.dot(&up)]));
         }
@@ -349,14 +349,19 @@ impl Score {
 
     /// Squared errors over what is stated: median (0.79 of a Gaussian) and 95 % (2.6).
     fn by_sigma(&self) -> String {
-        let one = |joint: Option<Joint>| {
-            let of = |it: &&(Joint, f64)| joint.is_none_or(|joint| it.0 == joint);
-            let mut all: Vec<f64> = self.normalised.iter().filter(of).map(|it| it.1).collect();
-            let name = joint.map_or("normalised squared errors: all", Joint::name);
-            format!("{name} {:.2}/{:.1}", percentile(&mut all, 0.5), percentile(&mut all, 0.95))
+        let median_and_most = |of: &dyn Fn(&(Joint, JointSource, f64)) -> bool| {
+            let mut all: Vec<f64> = self.normalised.iter().filter(|it| of(it)).map(|it| it.2).collect();
+            format!("{:.2}/{:.1}", percentile(&mut all, 0.5), percentile(&mut all, 0.95))
         };
+        let sources = [JointSource::Measured, JointSource::Filled, JointSource::Predicted].map(|source| {
+            let n = self.normalised.iter().filter(|it| it.1 == source).count();
+            let share = n as f64 / self.normalised.len().max(1) as f64;
+            format!("{source:?} ({share:.2}) {}", median_and_most(&|it| it.1 == source))
+        });
         let named = Joint::ALL.into_iter().filter(|it| self.normalised.iter().any(|e| e.0 == *it));
-        std::iter::once(None).chain(named.map(Some)).map(one).collect::<Vec<_>>().join(", ")
+        let joints = named.map(|joint| format!("{} {}", joint.name(), median_and_most(&|it| it.0 == joint)));
+        let all = std::iter::once(format!("normalised squared errors: all {}", median_and_most(&|_| true)));
+        all.chain(sources).chain(joints).collect::<Vec<_>>().join(", ")
     }
 
     /// Medians over people, and the worst of them; what was lost while hands were fast.

@@ -410,6 +410,14 @@ fn a_volume_that_is_too_small_or_in_other_units_is_told_in_words() {
     let said = remarks(&half, settings(), set(&whole, &[[0.1, 0.0]]));
     check_remark(&said, "reach an end of the volume: its greatest z in 1 of 1 sets");
     check_remark(&said, "the voxels cover 5");
+    let floor = "silhouettes go on below the volume's floor, z = 0.700 m, in 1 of 1 sets";
+    let without_feet = Setup { volume_m: Some([[-1.0, -1.0, 0.7], [1.0, 1.0, 2.0]]), ..setup() };
+    check_remark(&remarks(&without_feet, settings(), set(&whole, &[[0.1, 0.0]])), floor);
+    for least in [0.0, 0.38, 0.44] {
+        let on_floor = Setup { volume_m: Some([[-1.0, -1.0, least], [1.0, 1.0, 2.0]]), ..setup() };
+        let said = remarks(&on_floor, settings(), set(&whole, &[[0.1, 0.0]]));
+        assert!(!said.iter().any(|it| it.contains("below the volume's floor")), "{least}: {said:#?}");
+    }
     let mut in_mm = Calibration::clone(&whole.calibration);
     in_mm.cameras.iter_mut().for_each(|it| it.camera.camera_from_world.translation.vector *= 1e3);
     let in_mm = Setup { calibration: Arc::new(in_mm), ..setup() };

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
 
-use crate::hull::{Contradiction, Volume};
+use crate::hull::{Contradiction, Dropped, Volume};
 
 /// Less than this of the silhouettes covered, in the mean, is said in words [–].
 const TOO_LITTLE: f64 = 0.85;
@@ -38,6 +38,8 @@ pub(super) struct Words {
     /// Sets in which the camera's picture cuts somebody off.
     at_edge: BTreeMap<CameraId, u64>,
     cut_off: [u64; 5],
+    /// Sets in which silhouettes go on below the volume.
+    below: u64,
     /// Most silhouettes in a set.
     most_views: usize,
     n_sets: u64,
@@ -74,9 +76,10 @@ impl Words {
         }
     }
 
-    /// A carved set, and the largest piece that was left out of it [m³].
-    pub(super) fn see(&mut self, voxels: &Voxels, dropped: f64) {
+    /// A carved set, and what was left out of it.
+    pub(super) fn see(&mut self, voxels: &Voxels, &Dropped { largest: dropped, goes_below, .. }: &Dropped) {
         self.dropped_l = self.dropped_l.max(1e3 * dropped);
+        self.below += u64::from(goes_below);
         let with_body = voxels.views.iter().filter(|it| it.body_px > 0).count();
         self.all_dropped += u64::from(voxels.is_empty() && dropped > 0.0);
         self.lost += u64::from(voxels.is_empty() && dropped == 0.0 && 2 * with_body > voxels.views.len());
@@ -163,6 +166,12 @@ impl Words {
                 "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`)",
                 ends.join(", "),
                 self.n_sets
+            ));
+        }
+        if self.below as f64 >= OFTEN * self.n_sets as f64 && self.below > 0 {
+            report.remark(format!(
+                "silhouettes go on below the volume's floor, z = {:.3} m, in {} of {} sets: it cuts bodies off, and ankles are looked for where it ends; expected `volume_m` with a `min` below the feet",
+                volume.min[2], self.below, self.n_sets
             ));
         }
         if self.all_dropped > 0 {

@@ -140,16 +140,12 @@ fn somebody_is_seen_from_a_head_that_turns_and_the_poses_become_better() {
         }
         overlaps.push(f64::from(both) / f64::from(either));
         let after = bench.outputs(&ALIGNED).last().unwrap().value.camera_from_world;
-        let err = |p: &nalgebra::Isometry3<f64>| {
-            (camera.camera_from_world.rotation * p.rotation.inverse()).scaled_axis() * 1e3
-        };
-        println!("{:.2} -> {:.2}", err(&before), err(&after));
         for (off, pose) in off.iter_mut().zip([before, after]) {
             off.push(pose.rotation.angle_to(&camera.camera_from_world.rotation));
         }
     }
     overlaps.sort_by(f64::total_cmp);
-    assert!(overlaps[0] > 0.9 && overlaps[15] > 0.95, "overlap {:.3?}", overlaps);
+    assert!(overlaps[0] > 0.9 && overlaps[15] > 0.95, "overlap {overlaps:.3?}");
     let [before, after] = off.map(|it| it.iter().sum::<f64>() / it.len() as f64);
     assert!(after < 0.4 * before, "poses are {after} rad off, {before} before");
     let figures = bench.finish().unwrap().figures;
