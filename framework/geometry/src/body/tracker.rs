@@ -179,6 +179,16 @@ pub(super) const UPRIGHT: f64 = 0.64;
 /// Errors of hulls last so long [s]: chosen on people that are not in the figures, among 0.1 to 0.5.
 const POSE_S: f64 = 0.3;
 
+/// How far a joint that voxels do not show lies from where its limb goes on, one standard deviation along an axis [m]: most lie there, in one volume with others, some elsewhere in it. Of simulated people that are not
+/// in the figures.
+fn hidden_sigma(joint: Joint) -> f64 {
+    match joint {
+        Joint::LeftElbow | Joint::RightElbow | Joint::LeftKnee | Joint::RightKnee => 0.06,
+        Joint::LeftWrist | Joint::RightWrist | Joint::LeftAnkle | Joint::RightAnkle => 0.10,
+        _ => 0.03,
+    }
+}
+
 /// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
 const VOXEL_SHARE: f64 = 0.25;
 
@@ -431,7 +441,8 @@ impl BodyTracker {
             }
         });
         for it in &mut list {
-            let variance = joint_sigma(it.joint).powi(2) + (VOXEL_SHARE * self.voxel).powi(2);
+            let hidden = if it.source == JointSource::Predicted { hidden_sigma(it.joint) } else { 0.0 };
+            let variance = joint_sigma(it.joint).powi(2) + (VOXEL_SHARE * self.voxel).powi(2) + hidden.powi(2);
             (0..3).for_each(|axis| it.covariance[(axis, axis)] += variance);
         }
         list

@@ -347,16 +347,17 @@ impl Score {
         named.map(one).collect::<Vec<_>>().join(", ")
     }
 
-    /// Squared errors over what is stated: median (0.79 of a Gaussian) and 95 % (2.6).
+    /// Squared errors over what is stated: median (0.79 of a Gaussian), 95 % (2.6), and mean (1).
     fn by_sigma(&self) -> String {
         let median_and_most = |of: &dyn Fn(&(Joint, JointSource, f64)) -> bool| {
             let mut all: Vec<f64> = self.normalised.iter().filter(|it| of(it)).map(|it| it.2).collect();
-            format!("{:.2}/{:.1}", percentile(&mut all, 0.5), percentile(&mut all, 0.95))
+            let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+            format!("{:.2}/{:.1}, mean {mean:.1}", percentile(&mut all, 0.5), percentile(&mut all, 0.95))
         };
         let sources = [JointSource::Measured, JointSource::Filled, JointSource::Predicted].map(|source| {
             let n = self.normalised.iter().filter(|it| it.1 == source).count();
             let share = n as f64 / self.normalised.len().max(1) as f64;
-            format!("{source:?} ({share:.2}) {}", median_and_most(&|it| it.1 == source))
+            format!("{source:?} ({share:.2} of all) {}", median_and_most(&|it| it.1 == source))
         });
         let named = Joint::ALL.into_iter().filter(|it| self.normalised.iter().any(|e| e.0 == *it));
         let joints = named.map(|joint| format!("{} {}", joint.name(), median_and_most(&|it| it.0 == joint)));
