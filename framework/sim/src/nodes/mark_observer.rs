@@ -76,8 +76,8 @@ pub struct SimMarkObserver {
     fields: Fields,
     seed: u64,
     world: Option<World>,
-    /// By true number: its name.
-    names: BTreeMap<usize, u32>,
+    /// By true number: its name, and since when.
+    names: BTreeMap<usize, (u32, Time)>,
     /// The newest guide that was listened to.
     guided: Option<Time>,
     /// Of the last fields: time, and where each mark was.
@@ -137,7 +137,7 @@ impl Node for SimMarkObserver {
             return Ok(());
         };
         if let Some(guide) = io.latest(&GUIDE) {
-            self.listen(guide.value);
+            self.listen(guide.value, stamp);
         }
         let camera = match io.latest(&HEAD) {
             Some(motion) => motion.value.camera_at(&self.camera, capture),
@@ -173,21 +173,23 @@ impl Node for SimMarkObserver {
 const MOST_SEEN: usize = 8;
 
 impl SimMarkObserver {
-    /// Takes over the names of a guide: of each guided place, the mark that truly was there.
-    fn listen(&mut self, guide: &MarkGuide) {
+    /// Takes over the names of a guide, `now`: of each guided place, the mark that truly was there. A name that is disputed is taken back wherever its mark should
+    /// have been, unless it was given after the time of the guide.
+    fn listen(&mut self, guide: &MarkGuide, now: Time) {
         if self.guided.replace(guide.time) == Some(guide.time) {
             return;
         }
+        for disputed in guide.of(self.id).iter().filter(|it| it.disputed) {
+            self.names.retain(|_, (label, since)| *label != disputed.label || *since > guide.time);
+        }
         let Some((_, places)) = self.seen.iter().find(|it| it.0 == guide.time) else { return };
-        for guided in guide.of(self.id) {
+        for guided in guide.of(self.id).iter().filter(|it| !it.disputed) {
             let near = |place: &Option<Point2<f64>>| place.map_or(f64::INFINITY, |it| (it - guided.pixel).norm());
             let nearest = places.iter().map(near).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
             let Some((mark, _)) = nearest.filter(|it| it.1 < NEAR_PX) else { continue };
-            let is_free = !self.names.contains_key(&mark) && !self.names.values().any(|it| *it == guided.label);
-            if guided.disputed {
-                self.names.retain(|_, label| *label != guided.label);
-            } else if is_free {
-                self.names.insert(mark, guided.label);
+            let is_free = !self.names.contains_key(&mark) && !self.names.values().any(|it| it.0 == guided.label);
+            if is_free {
+                self.names.insert(mark, (guided.label, now));
             }
         }
     }
@@ -217,7 +219,7 @@ impl SimMarkObserver {
                     covariance: Matrix2::identity() * self.settings.noise_px.powi(2),
                     area: 0,
                     peak: 0,
-                    label: if self.settings.named { Some(mark as u32) } else { self.names.get(&mark).copied() },
+                    label: if self.settings.named { Some(mark as u32) } else { self.names.get(&mark).map(|it| it.0) },
                 });
             }
         }
@@ -278,10 +280,18 @@ mod tests {
         };
         observer.seen.push((Time::from_s(0.001), vec![place(50.0), None, place(80.0)]));
         observer.seen.push((Time::from_s(0.002), vec![place(60.0), None, place(90.0)]));
-        observer.listen(&guide(1.0, vec![guided(7, 51.0, false), guided(9, 79.0, false), guided(3, 200.0, false)]));
-        assert_eq!(observer.names, [(0, 7), (2, 9)].into());
-        observer.listen(&guide(2.0, vec![guided(7, 60.0, true), guided(5, 90.0, false)]));
-        assert_eq!(observer.names, [(2, 9)].into(), "one name is disputed, the other is kept");
+        let (now, later) = (Time::from_s(0.002), Time::from_s(0.003));
+        observer
+            .listen(&guide(1.0, vec![guided(7, 51.0, false), guided(9, 79.0, false), guided(3, 200.0, false)]), now);
+        assert_eq!(observer.names, [(0, (7, now)), (2, (9, now))].into());
+        observer.listen(&guide(2.0, vec![guided(7, 60.0, true), guided(5, 90.0, false)]), later);
+        assert_eq!(observer.names, [(2, (9, now))].into(), "one name is disputed, the other is kept");
+        // Where mark 9 should be, nothing is seen: it is a name that went to another mark.
+        observer.seen.push((later, vec![place(60.0), None, place(90.0)]));
+        observer.listen(&guide(1.5, vec![guided(9, 150.0, true)]), later);
+        assert_eq!(observer.names.len(), 1, "the name was given after the time of the guide");
+        observer.listen(&guide(3.0, vec![guided(9, 150.0, true)]), later);
+        assert!(observer.names.is_empty());
     }
 
     #[test]
