@@ -1,5 +1,6 @@
 //! `painted_mark.integrator`: from the marks in the pictures of several cameras to marks in space.
 
+mod coherence;
 mod constellation;
 mod gather;
 mod matching;
@@ -18,13 +19,14 @@ use foveate::messages::GuidedMark;
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3};
 
+use coherence::{Coherence, MOST_OFF, Verdict};
 use gather::{Frame, Gather, View};
 use matching::{DotView, MatchOptions, match_dots, where_all_look};
 use pair::{Blend, Choice, Offer, middle};
 use registration::register;
 pub use settings::{IntegratorSettings, Views};
 use shapes::Shapes;
-use track_store::TrackStore;
+use track_store::{Known, TrackStore};
 
 ports! {
     FEATURES: In<Features> = synced("features", 4).many();
@@ -41,6 +43,7 @@ figures! {
     "(*.)marks.frames_without": count, low, "Of these, moments at which no mark was recovered";
     "(*.)marks.known": count, neither, "Marks that are confirmed when the run ends";
     "(*.)marks.disputed": count, low, "Observations that contradicted those of the other cameras; not used";
+    "(*.)marks.frames_incoherent": count, low, "With pose_errors: moments at which so many marks lay where the surface never had them that none was used";
     "(*.)marks.searches": count, low, "Times that the surface was found without a prior";
     "(*.)marks.pair_changes": count, low, "With views = best_pair: changes of the pair of cameras";
     "(*.)marks.pictures_without_pose": count, low, "Pictures of cameras on heads for which no pose came; not used";
@@ -60,10 +63,8 @@ const CARRIED_SIGMA: f64 = 0.002;
 /// What one camera alone takes for a hidden mark is something else farther than this from where the mark should be: the contour of a nose that the mark is behind
 /// [standard deviations].
 const LONE_SIGMAS: f64 = 1.5;
-/// Dots closer to where a known mark should be may be that mark [px].
+/// Dots closer to where a mark that other cameras see should be may be that mark [px].
 const NEAR_KNOWN_PX: f64 = 6.0;
-/// A hidden mark comes out again at most this far from where it should be [m]: less than marks are apart.
-const MOST_OFF: f64 = 0.009;
 const DEFAULT_RADIUS_M: f64 = 0.25;
 
 /// Marks with names come in from trackers, or dots without names: those that enough cameras agree on become marks, and `guide` tells each tracker
@@ -80,6 +81,7 @@ pub struct Integrator {
     gather: Gather,
     track_store: TrackStore,
     shapes: Shapes,
+    coherence: Coherence,
     choice: Choice,
     blend: Blend,
     last: Option<Time>,
@@ -92,6 +94,7 @@ struct Tally {
     marks: u64,
     views: u64,
     disputed: u64,
+    incoherent: u64,
     without_answer: u64,
     starts: u64,
     /// Cameras that reported at one moment, at most.
@@ -136,6 +139,7 @@ impl Node for Integrator {
             gather: Gather::new(setup),
             track_store: TrackStore::default(),
             shapes: Shapes::default(),
+            coherence: Coherence::default(),
             choice: Choice::default(),
             blend: Blend::new(settings.blend_ms * 1e-3),
             last: None,
@@ -164,7 +168,8 @@ impl Node for Integrator {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        let Tally { frames, marks, views, disputed, without_answer, starts, turns, most_views } = &self.tally;
+        let Tally { frames, marks, views, disputed, incoherent, without_answer, starts, turns, most_views } =
+            &self.tally;
         let mut figure = |name: &str, value: f64| {
             let dot = if self.settings.label.is_empty() { "" } else { "." };
             report.figure(format!("{}{dot}marks.{name}", self.settings.label), value);
@@ -176,6 +181,9 @@ impl Node for Integrator {
         }
         figure("known", self.track_store.marks.values().filter(|it| it.is_believed).count() as f64);
         figure("disputed", *disputed as f64);
+        if self.settings.pose_errors {
+            figure("frames_incoherent", *incoherent as f64);
+        }
         figure("frames_without", *without_answer as f64);
         figure("searches", *starts as f64);
         if self.settings.views == Views::BestPair {
@@ -206,6 +214,7 @@ impl Integrator {
         }
         let observations = self.observations(frame);
         let solved = self.solve(frame, &observations);
+        let (solved, strays) = self.without_strays(&observations, solved);
         let cameras: Vec<Camera> = match &solved {
             Some(joint) => joint.cameras.clone(),
             None => frame.views.iter().map(|it| it.viewpoint.camera.clone()).collect(),
@@ -220,6 +229,10 @@ impl Integrator {
                 measured.extend(point.map(|it| (*label, it.position)));
             }
             self.count_turns(frame, joint);
+        }
+        let is_stray = |it: &&JointObservation| strays.contains(&observations.labels[it.point]);
+        for observation in observations.list.iter().filter(is_stray) {
+            disputed.insert((frame.views[observation.viewpoint].id, observations.labels[observation.point]));
         }
         self.tally.disputed += disputed.len() as u64;
         for (label, position) in &measured {
@@ -288,6 +301,34 @@ impl Integrator {
             pixel_floor: self.settings.pixel_floor_px,
             // Poses that are off and taken as they are make every mark seem wrong.
             outlier_sigmas: if self.settings.pose_errors { self.settings.outlier_sigmas } else { f64::INFINITY },
+        }
+    }
+
+    /// What was found without the marks that jumped among their neighbours, and which these are; `None` where the whole has a shape that it cannot have. Poses that are taken as they are make marks seem
+    /// to jump that do not.
+    fn without_strays(&mut self, observations: &Observations, solved: Option<Joint>) -> (Option<Joint>, BTreeSet<u32>) {
+        let Some(mut joint) = solved else { return (None, BTreeSet::new()) };
+        if !self.settings.pose_errors {
+            return (Some(joint), BTreeSet::new());
+        }
+        let is_own = |label: &u32| self.track_store.is_own(*label);
+        let known = self.track_store.marks.iter().filter(|it| it.1.is_believed && is_own(it.0));
+        let known: BTreeMap<u32, Point3<f64>> = known.map(|it| (*it.0, it.1.position)).collect();
+        let found = observations.labels.iter().zip(&joint.points);
+        let measured = found.filter_map(|(label, point)| Some((*label, point.as_ref()?.position))).collect();
+        match self.coherence.judge(&known, &measured) {
+            Verdict::Incoherent => {
+                self.tally.incoherent += 1;
+                (None, BTreeSet::new())
+            }
+            Verdict::Strays(strays) => {
+                for (label, point) in observations.labels.iter().zip(&mut joint.points) {
+                    if strays.contains(label) {
+                        *point = None;
+                    }
+                }
+                (Some(joint), strays)
+            }
         }
     }
 
@@ -421,17 +462,23 @@ impl Integrator {
         let mut views: Vec<DotView> = Vec::new();
         let tolerance = NARROWING_PX[NARROWING_PX.len() - 1];
         for (view, camera) in frame.views.iter().zip(cameras) {
-            let known = self.track_store.marks.iter().filter(|it| !weak.contains(it.0));
-            let known: Vec<Point2<f64>> = known.filter_map(|it| camera.project(&it.1.position)).collect();
-            let clear_of = |dot: &Point2<f64>, most: f64| known.iter().all(|it| (it - dot).norm() > most);
+            let named: BTreeSet<u32> = view.features.list.iter().filter_map(|it| it.label).collect();
+            let known = || self.track_store.marks.iter().filter(|it| !weak.contains(it.0));
+            let places = |it: (&u32, &Known)| camera.project(&it.1.position);
+            let all: Vec<Point2<f64>> = known().filter_map(places).collect();
+            // A mark that has its dot here is no other one; and one that no camera knows may be anywhere.
+            let missing = known().filter(|it| it.1.is_seen && !named.contains(it.0));
+            let missing: Vec<Point2<f64>> = missing.filter_map(places).collect();
+            let is_clear =
+                |of: &[Point2<f64>], dot: &Point2<f64>, most: f64| of.iter().all(|it| (it - dot).norm() > most);
             let (mut here, mut dots) = (Vec::new(), Vec::new());
             for Feature { label, centre, .. } in &view.features.list {
                 match label {
                     Some(label) if !weak.contains(label) => continue,
-                    Some(label) if !clear_of(centre, tolerance) => {
+                    Some(label) if !is_clear(&all, centre, tolerance) => {
                         doubted.insert(*label);
                     }
-                    None if !clear_of(centre, NEAR_KNOWN_PX) => continue,
+                    None if !is_clear(&missing, centre, NEAR_KNOWN_PX) => continue,
                     _ => {
                         here.push(*label);
                         dots.push(*centre);

@@ -186,7 +186,7 @@ impl TrackStore {
 }
 
 /// How the surroundings of `place` moved, from where `from` has the marks to where they were measured.
-fn carry(
+pub(super) fn carry(
     from: &[(u32, Point3<f64>)],
     measured: &BTreeMap<u32, Point3<f64>>,
     place: &Point3<f64>,
