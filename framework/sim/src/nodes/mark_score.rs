@@ -1,10 +1,11 @@
 //! How well painted marks are tracked, recovered and filled in: against the truth of the simulated world.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use foveate_estimation::statistics::percentile;
-use foveate_messages::{CameraId, Features, Marks};
+use foveate_messages::{CameraId, Feature, Features, Marks};
 use foveate_node::{
     ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, Time, figures, ports,
 };
@@ -14,7 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use super::table::save_table;
 use crate::head::HeadMotion;
-use crate::score::marks::{MarkObservationTrack, MarkTrack, Names, ReportedMark};
+use crate::painted::Painted;
+use crate::score::marks::{InView, MarkObservationTrack, MarkTrack, Names, ReportedMark};
 use crate::score::warmup::Warmup;
 use crate::truth::TrueCamera;
 use crate::world::World;
@@ -38,6 +40,8 @@ figures! {
     "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
     "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world";
     "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off";
+    "filled_in_view_mm.{median,p95}": mm, low, "The same of those filled marks that two cameras or more could see, from 72° off their normal at most: marks that were not found, rather than hidden";
+    "filled_in_view": count, low, "Filled samples of marks that two cameras or more could see, over all frames";
     "filled_sigmas.rms": sigmas, neither, "Error of filled marks in their stated standard deviations; 1: as large as stated";
     "filled": count, neither, "Filled samples that were compared, over all frames";
     "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled";
@@ -51,6 +55,13 @@ figures! {
 
 const TABLE_FILE: &str = "face_score.csv";
 const WRONG_FILE: &str = "marks_wrong.csv";
+const FILLED_FILE: &str = "marks_filled.csv";
+/// A mark that is seen at a flatter angle than this, from its normal, is a line: no camera finds it [°].
+const MOST_OBLIQUE_DEG: f64 = 72.0;
+/// A dot this close to where a mark truly is is that mark's [px].
+const DOT_PX: f64 = 1.5;
+/// Moments whose dots are remembered until the shape of that moment comes.
+const MOMENTS: usize = 16;
 
 /// Settings of [`MarkScore`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -62,7 +73,7 @@ pub struct MarkScoreSettings {
     /// A mark reported in a picture farther than this from where it truly is was reported wrongly: a third of the distance between marks [px].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub wrong_px: f64,
-    /// Whether errors over time are saved as `face_score.csv`, and marks that were reported where they are not as `marks_wrong.csv` [–].
+    /// Whether errors over time are saved as `face_score.csv`, marks that were reported where they are not as `marks_wrong.csv`, and each filled mark as `marks_filled.csv` [–].
     pub write: bool,
 }
 
@@ -85,6 +96,8 @@ pub struct MarkScore {
     shape: MarkTrack,
     compared: MarkTrack,
     reported: MarkObservationTrack,
+    /// Of the last moments: by true mark, how many pictures had a dot there.
+    dots: VecDeque<(Time, Vec<u8>)>,
     n_true: usize,
     warmup: Warmup,
 }
@@ -106,6 +119,7 @@ impl Node for MarkScore {
         if settings.write {
             setup.claim_file(Some("write"), TABLE_FILE)?;
             setup.claim_file(Some("write"), WRONG_FILE)?;
+            setup.claim_file(Some("write"), FILLED_FILE)?;
         }
         let folder = setup.out_dir.clone().filter(|_| settings.write && setup.purpose == Purpose::Run);
         Ok(Self {
@@ -117,6 +131,7 @@ impl Node for MarkScore {
             shape: MarkTrack::default(),
             compared: MarkTrack::default(),
             reported: MarkObservationTrack::default(),
+            dots: VecDeque::new(),
             n_true: 0,
             warmup: Warmup::default(),
         })
@@ -131,23 +146,25 @@ impl Node for MarkScore {
             if let Some(painted) = truth(marks.value.time) {
                 self.n_true = painted.marks.len();
                 if is_scored(marks.value.time) {
-                    self.marks.add(&marks.value, painted.marks.clone());
+                    self.marks.add(&marks.value, painted.marks.clone(), Vec::new());
                 }
-                self.whole.add(&marks.value, painted.marks);
+                self.whole.add(&marks.value, painted.marks, Vec::new());
             }
         } else if let Some(marks) = io.take(&SHAPE) {
             if let Some(painted) = truth(marks.value.time).filter(|_| is_scored(marks.value.time)) {
-                self.shape.add(&marks.value, painted.marks);
+                let in_view = self.in_view(io, &painted, marks.value.time);
+                self.shape.add(&marks.value, painted.marks, in_view);
             }
         } else if let Some(marks) = io.take(&COMPARED) {
             if let Some(painted) = truth(marks.value.time).filter(|_| is_scored(marks.value.time)) {
-                self.compared.add(&marks.value, painted.marks);
+                self.compared.add(&marks.value, painted.marks, Vec::new());
             }
         } else if let Some(features) = io.take(&FEATURES)
             && is_scored(features.stamp.time)
             && let Some(painted) = truth(features.stamp.time)
             && let Some(camera) = self.camera(io, features.value.camera, features.stamp.time)
         {
+            self.count_dots(&painted, &camera, &features.value.list, features.stamp.time);
             for feature in &features.value.list {
                 let Some(label) = feature.label else { continue };
                 let off = |mark| camera.project(mark).map_or(f32::NAN, |it| (it - feature.centre).norm() as f32);
@@ -181,8 +198,11 @@ impl Node for MarkScore {
             self.calibration.cameras.get(usize::from(id.0)).map_or_else(String::new, |it| it.name.clone())
         };
         let wrong = self.reported.wrong_rows(&names, self.settings.wrong_px, name);
-        let tables =
-            [(TABLE_FILE, MarkTrack::HEADING, track.rows(&names)), (WRONG_FILE, MarkObservationTrack::HEADING, wrong)];
+        let tables = [
+            (TABLE_FILE, MarkTrack::HEADING, track.rows(&names)),
+            (WRONG_FILE, MarkObservationTrack::HEADING, wrong),
+            (FILLED_FILE, MarkTrack::FILLED_HEADING, self.shape.filled_rows(&names)),
+        ];
         for (file, heading, rows) in tables {
             save_table(folder, file, heading, &rows, report)?;
         }
@@ -200,6 +220,39 @@ impl MarkScore {
             Some(motion) => motion.camera_at(&at_rest, time),
             None => at_rest,
         })
+    }
+
+    /// Takes in where the dots of one picture are.
+    fn count_dots(&mut self, painted: &Painted, camera: &TrueCamera, list: &[Feature], time: Time) {
+        if self.dots.back().is_none_or(|it| it.0 != time) {
+            if self.dots.len() == MOMENTS {
+                self.dots.pop_front();
+            }
+            self.dots.push_back((time, vec![0; painted.marks.len()]));
+        }
+        let Some((_, counts)) = self.dots.back_mut() else { return };
+        for (count, place) in counts.iter_mut().zip(&painted.marks) {
+            let pixel = camera.project(place);
+            let is_there = pixel.is_some_and(|it| list.iter().any(|dot| (dot.centre - it).norm() < DOT_PX));
+            *count += u8::from(is_there);
+        }
+    }
+
+    /// By true mark, in how many pictures of the cameras on heads it could be found.
+    fn in_view(&self, io: &Io<'_>, painted: &Painted, time: Time) -> Vec<InView> {
+        let cameras = io.latest_of_each(&MOTION).filter_map(|it| self.camera(io, it.value.camera(), time));
+        let mut in_view = vec![InView::default(); painted.marks.len()];
+        if let Some((_, dots)) = self.dots.iter().find(|it| it.0 == time) {
+            in_view.iter_mut().zip(dots).for_each(|(it, dots)| it.dots = *dots);
+        }
+        for camera in cameras {
+            let eye = camera.centre();
+            for (mark, (place, normal)) in painted.marks.iter().zip(&painted.normals).enumerate() {
+                let is_steep = normal.dot(&(eye - place).normalize()) > MOST_OBLIQUE_DEG.to_radians().cos();
+                in_view[mark].cameras += u8::from(is_steep && camera.sees(place).is_some() && painted.sees(&eye, mark));
+            }
+        }
+        in_view
     }
 
     fn report_observations(&self, names: &Names, report: &mut Report) {

@@ -86,12 +86,23 @@ struct Sample {
     sigma: f64,
 }
 
+/// In how many pictures of a moment a true mark could be found.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct InView {
+    /// Cameras before which nothing hides it.
+    pub cameras: u8,
+    /// Cameras whose pictures had a dot there, named or not.
+    pub dots: u8,
+}
+
 /// All marks of one moment, recovered and true.
 #[derive(Debug, Clone, PartialEq)]
 struct Moment {
     time: Time,
     samples: Vec<Sample>,
     truth: Vec<Point3<f64>>,
+    /// By true mark; empty where nobody asked.
+    in_view: Vec<InView>,
     rms: Option<f64>,
     out_of_distribution: Option<f64>,
 }
@@ -136,8 +147,9 @@ pub struct MarkTrack {
 pub type Names = BTreeMap<u32, usize>;
 
 impl MarkTrack {
-    /// Takes in what was recovered of `truth`, the true places of the marks at that time in the world, by their numbers.
-    pub fn add(&mut self, marks: &Marks, truth: Vec<Point3<f64>>) {
+    /// Takes in what was recovered of `truth`, the true places of the marks at that time in the world, by their numbers; `in_view`: in how many pictures each of them could be found,
+    /// empty where that does not matter.
+    pub fn add(&mut self, marks: &Marks, truth: Vec<Point3<f64>>, in_view: Vec<InView>) {
         let sample = |it: &foveate_messages::Mark| Sample {
             label: it.label,
             in_world: marks.in_world(it),
@@ -146,7 +158,7 @@ impl MarkTrack {
         };
         let samples = marks.list.iter().map(sample).collect();
         let (rms, out_of_distribution) = marks.fit.as_ref().map(|it| (it.rms, it.out_of_distribution)).unzip();
-        self.moments.push(Moment { time: marks.time, samples, truth, rms, out_of_distribution });
+        self.moments.push(Moment { time: marks.time, samples, truth, in_view, rms, out_of_distribution });
     }
 
     /// Which true mark each label is: the one that it was closest to most often while it was measured, once the motion of the whole was taken off. Labels that
@@ -256,7 +268,7 @@ impl MarkTrack {
         for moment in &self.moments {
             errors.add(moment, names);
         }
-        let Errors { whole, world, filled, filled_sigmas } = &errors;
+        let Errors { whole, world, filled, filled_in_view, filled_sigmas } = &errors;
         let mut spread = |name: &str, values: &[f64]| {
             for (which, percent) in [("median", 50.0), ("p95", 95.0)] {
                 report.figure(format!("{name}.{which}"), percentile(values, percent).map_or(f64::NAN, |it| it * 1e3));
@@ -278,7 +290,9 @@ impl MarkTrack {
             marks.dedup();
             marks.len() >= n_true
         };
+        spread("filled_in_view_mm", filled_in_view);
         report.figure("filled", filled.len() as f64);
+        report.figure("filled_in_view", filled_in_view.len() as f64);
         let squares: f64 = filled_sigmas.iter().map(|it| it * it).sum();
         report.figure("filled_sigmas.rms", (squares / filled_sigmas.len() as f64).sqrt());
         report.figure("frames_with_all_marks", share(&|it| covers(it, &|_| true)));
@@ -315,6 +329,26 @@ impl MarkTrack {
         self.moments.iter().map(row).collect()
     }
 
+    /// Rows of a table: one for each filled mark.
+    pub fn filled_rows(&self, names: &Names) -> Vec<String> {
+        let rows = |moment: &Moment| {
+            let pairs: Vec<_> = moment.pairs(names).collect();
+            let Some(motion) = to_truth(&pairs) else { return Vec::new() };
+            let filled = pairs.iter().zip(&motion.distances).filter(|it| it.0.0.provenance == Provenance::Filled);
+            let row = |((sample, _), off): (&(Sample, Point3<f64>), &f64)| {
+                let own = names[&sample.label];
+                let InView { cameras, dots } = moment.in_view.get(own).copied().unwrap_or_default();
+                let (time, label, sigma) = (moment.time.as_s(), sample.label, sample.sigma * 1e3);
+                format!("{time:.6},{label},{own},{:.4},{sigma:.4},{cameras},{dots}", off * 1e3)
+            };
+            filled.map(row).collect()
+        };
+        self.moments.iter().flat_map(rows).collect()
+    }
+
+    /// Heading of [`Self::filled_rows`].
+    pub const FILLED_HEADING: &str = "time_s,mark,true_mark,off_mm,sigma_mm,cameras_in_view,cameras_with_dot";
+
     /// Heading of [`Self::rows`].
     pub const HEADING: &str = "time_s,measured,filled,face_mm,face_world_mm,filled_mm,fit_rms_mm,out_of_distribution";
 }
@@ -326,6 +360,8 @@ struct Errors {
     whole: Vec<f64>,
     world: Vec<f64>,
     filled: Vec<f64>,
+    /// Those of the filled ones that two cameras or more could see.
+    filled_in_view: Vec<f64>,
     /// Of the filled ones, in stated standard deviations of three axes.
     filled_sigmas: Vec<f64>,
 }
@@ -334,11 +370,13 @@ impl Errors {
     fn add(&mut self, moment: &Moment, names: &Names) {
         let pairs: Vec<_> = moment.pairs(names).collect();
         let Some(motion) = to_truth(&pairs) else { return };
+        let is_in_view = |label: u32| moment.in_view.get(names[&label]).is_some_and(|it| it.cameras >= 2);
         for ((sample, truth), off) in pairs.iter().zip(&motion.distances) {
             self.whole.push(*off);
             self.world.push((sample.in_world - truth).norm());
             if sample.provenance == Provenance::Filled {
                 self.filled.push(*off);
+                self.filled_in_view.extend(is_in_view(sample.label).then_some(*off));
                 self.filled_sigmas.push(off / (3.0_f64.sqrt() * sample.sigma));
             }
         }
@@ -459,7 +497,9 @@ mod tests {
                 (label + 100, motion * (it + off), if is_hidden { Provenance::Filled } else { Provenance::Measured })
             };
             let places: Vec<_> = (0..).zip(&truth).map(place).collect();
-            track.add(&marks(&places), truth.clone());
+            // One camera sees it in the fourth frame, two in the fifth.
+            let in_view = InView { cameras: if frame == 4 { 2 } else { 1 }, dots: 1 };
+            track.add(&marks(&places), truth.clone(), vec![in_view; 20]);
         }
         let names = track.names();
         assert_eq!(names[&106], 6);
@@ -467,6 +507,9 @@ mod tests {
         assert!((found["filled_mm.median"] - 1.0).abs() < 0.1, "{found:?}");
         assert!(found["face_mm.median"] < 0.1 && found["face_world_mm.median"] > 2.0, "{found:?}");
         assert!((found["filled_sigmas.rms"] - 1.0 / 3.0_f64.sqrt()).abs() < 0.1, "{found:?}");
+        assert_eq!((found["filled"], found["filled_in_view"]), (2.0, 1.0));
+        let rows = track.filled_rows(&names);
+        assert!(rows.len() == 2 && rows[1].contains(",106,6,") && rows[1].ends_with(",2,1"), "{rows:?}");
         assert_eq!((found["frames_with_all_marks"], found["frames_with_all_measured"]), (1.0, 0.6));
     }
 
@@ -482,7 +525,7 @@ mod tests {
                 (places[8].1, places[9].1) = (places[9].1, places[8].1);
             }
             places.push((77, Point3::new(1.0, 1.0, 1.0), Provenance::Measured));
-            track.add(&marks(&places), truth.clone());
+            track.add(&marks(&places), truth.clone(), Vec::new());
         }
         let names = track.names();
         let found = figures(|report| track.report_distances(&names, "", report));
@@ -504,7 +547,7 @@ mod tests {
             let off = |it: u32| Vector3::x() * if it == 1 { 0.5e-3 * side } else { 0.0 };
             let places: Vec<_> =
                 (0..).zip(&truth).map(|(it, place)| (it, place + off(it), Provenance::Measured)).collect();
-            track.add(&marks(&places), truth);
+            track.add(&marks(&places), truth, Vec::new());
         }
         let names = track.names();
         let found = figures(|report| track.report_distances(&names, "", report));
