@@ -344,3 +344,73 @@ fn frames_without_anything_say_nothing() {
     let none = Frame { time: Time::ZERO, views: Vec::new() };
     assert!(integrator.integrate(&none, None).0.is_none());
 }
+
+/// An integrator that found the marks of a face by itself, its last guide, and the label that each mark of the truth got.
+fn settled(scene: &mut Scene, truth: &[Point3<f64>]) -> (Integrator, MarkGuide, Vec<u32>) {
+    let mut integrator = integrator(IntegratorSettings::default());
+    let mut guide = MarkGuide::default();
+    let mut labels = BTreeMap::new();
+    for _ in 0..12 {
+        let frame = scene.frame(truth, |_, _| true, |view, pixel| named(&guide, view, pixel));
+        let (marks, next) = integrator.integrate(&frame, None);
+        guide = next;
+        labels = marks.map_or(labels, |it| identities(&it, truth).into_iter().map(|it| (it.1, it.0)).collect());
+    }
+    assert_eq!(labels.len(), truth.len());
+    (integrator, guide, labels.into_values().collect())
+}
+
+#[test]
+fn names_that_all_cameras_exchange_are_disputed_in_all_of_them() {
+    let truth = marks_on_a_face();
+    let mut scene = Scene::new(0.02 * DEGREE);
+    let (mut integrator, guide, labels) = settled(&mut scene, &truth);
+    let exchanged = [labels[8], labels[30]];
+    let name = |view: usize, pixel: &Point2<f64>| {
+        let name = named(&guide, view, pixel);
+        name.map(|it| {
+            if it == exchanged[0] {
+                exchanged[1]
+            } else if it == exchanged[1] {
+                exchanged[0]
+            } else {
+                it
+            }
+        })
+    };
+    let frame = scene.frame(&truth, |_, _| true, name);
+    let (marks, guide) = integrator.integrate(&frame, None);
+    let marks = marks.unwrap();
+    assert!(marks.list.len() > 60 && exchanged.iter().all(|it| marks.get(*it).is_none()), "{}", marks.list.len());
+    for view in 0..4 {
+        let disputed = guide.of(CameraId(view)).iter().filter(|it| it.disputed).map(|it| it.label);
+        assert_eq!(disputed.collect::<BTreeSet<_>>(), exchanged.into(), "view {view}");
+    }
+}
+
+#[test]
+fn a_hidden_mark_that_comes_out_beside_one_that_has_its_dot_is_found() {
+    let truth = marks_on_a_face();
+    let mut scene = Scene::new(0.02 * DEGREE);
+    let (mut integrator, mut guide, labels) = settled(&mut scene, &truth);
+    let distance = |a: usize, b: usize| (truth[a] - truth[b]).norm();
+    let pairs = (0..truth.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+    let (hidden, beside) = pairs.min_by(|a, b| distance(a.0, a.1).total_cmp(&distance(b.0, b.1))).unwrap();
+    let mut moved = truth.clone();
+    // It comes out 8 mm from where it was, towards its neighbour.
+    moved[hidden] += (truth[beside] - truth[hidden]).normalize() * 0.008;
+    let cameras = scene.cameras.clone();
+    let in_view = |view: usize, place: &Point3<f64>| cameras[view].project(place).unwrap();
+    let off = |view: usize| (in_view(view, &moved[hidden]) - in_view(view, &truth[beside])).norm();
+    assert!((0..4).any(|view| off(view) < NEAR_KNOWN_PX), "it has to come out near its neighbour");
+    for number in 0..6 {
+        let name = |view: usize, pixel: &Point2<f64>| {
+            let is_it = (in_view(view, &moved[hidden]) - pixel).norm() < 1.0;
+            if is_it { None } else { named(&guide, view, pixel).filter(|it| *it != labels[hidden]) }
+        };
+        let frame = scene.frame(&moved, |_, mark| number > 2 || mark != hidden, name);
+        guide = integrator.integrate(&frame, None).1;
+    }
+    let found = integrator.track_store.marks[&labels[hidden]].position;
+    assert!((found - moved[hidden]).norm() < 2e-3, "{} m off", (found - moved[hidden]).norm());
+}
