@@ -1,7 +1,7 @@
 //! Whether the marks that were measured lie as they should: a surface bends, but none of its marks jumps among its neighbours.
 //!
-//! A name that went to another dot in two cameras makes a mark that no camera contradicts, at another depth; and where a head was stated to stand far from where it stood, marks that all have their right
-//! names come out in a shape that the surface never had. What is known of the surface, carried along by the neighbours of each mark, contradicts both.
+//! A name that went to another dot in two cameras makes a mark that no camera contradicts, at another depth; and where pictures that share few marks are brought together wrongly, marks that have their
+//! right names come out in a shape that the surface never had. What is known of the surface, carried along by the neighbours of each mark, contradicts both.
 
 use std::collections::{BTreeMap, BTreeSet};
 
