@@ -66,7 +66,7 @@ impl Boundaries {
         let period = stripe * BoundaryCode::get().len() as f32;
         let (mut n, mut n_ghosts, mut n_unknown) = (0, 0, 0);
         for (y, row) in found.iter().enumerate() {
-            for line in row {
+            for line in row.iter().filter(|it| !it.may_be_end()) {
                 let Some(column) = period_of(line, y, stripe, period, &before.lit_from) else {
                     n_unknown += 1;
                     continue;

@@ -44,7 +44,7 @@ pub struct BoundariesSettings {
     /// Of the camera's gray levels, standard deviation [gray level]
     #[schemars(range(min = 0.05, max = 50.0))]
     pub noise: f32,
-    /// Pixels along the row, to either side of a boundary, that get the column of the projector; on stripes up to twice as wide as those that face the camera as many more [px]
+    /// Pixels along the row, to either side of a boundary, that get the column of the projector; on stripes up to twice as wide as those that face the camera as many more, and where no next boundary is known a quarter of a stripe at most [px]
     #[schemars(range(min = 0.5, max = 8.0))]
     pub beside_px: f32,
     /// Pictures of a head whose angles are known worse than this are tracked and give no map: standard deviation of the larger one in the picture [px]
@@ -71,7 +71,7 @@ impl Default for BoundariesSettings {
             min_contrast: 0.2,
             black: 0.0,
             noise: 1.5,
-            beside_px: 1.0,
+            beside_px: 2.0,
             // A stripe's edge is known to about a tenth of a pixel; beyond a pixel the error of the pose is most of what a point is off.
             max_pose_px: 1.0,
             threads: 2,

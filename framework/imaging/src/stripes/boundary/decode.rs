@@ -3,6 +3,8 @@
 //! What a boundary is says its own track alone. Its neighbours tell whether that is so: on the same surface the next boundary in the row has the next number, and the rows above and below have
 //! the same boundary nearly at the same place. A boundary that too few neighbours confirm is left out.
 //!
+//! The end of the light, as at the border of a shadow, looks like a boundary, too, but on one side of it there is no light in any picture. A boundary that is the last one, and beyond which no light was seen in four pictures, may be that ([`Line::may_be_end`]).
+//!
 //! A ghost's place is between those of the pictures before and after, less what was foretold: so it is one picture late, and so are all.
 
 use super::design::BoundaryCode;
@@ -21,10 +23,20 @@ pub struct Line {
     pub slope: f32,
     /// Part of its neighbours in this row and in those above and below that confirm it, 0 to 1 [–].
     pub confidence: f32,
-    /// Whether the next boundary is known on one side of it at most: on the other one the surface may end, or turn out of the light.
-    pub is_last: bool,
+    /// Whether the next boundary is not known on its left, and on its right: there the surface may end, or turn out of the light.
+    pub is_last: [bool; 2],
+    /// Whether light was seen on its left, and on its right, in the last four pictures: where there was none it may be the end of the light.
+    pub is_lit: [bool; 2],
     /// Whether it did not show, and lies between its places in the pictures before and after.
     pub is_ghost: bool,
+}
+
+impl Line {
+    /// Whether it may be the end of the light rather than a boundary: the last one in its row, beyond which no light was seen in four pictures, or one without a neighbour on either side to bear it out.
+    pub fn may_be_end(&self) -> bool {
+        let is_dark_beyond = self.is_last.iter().zip(self.is_lit).any(|(is_last, is_lit)| *is_last && !is_lit);
+        is_dark_beyond || self.is_last == [true; 2]
+    }
 }
 
 /// Rows above and below that are asked, each way, and that smooth a boundary.
@@ -84,7 +96,8 @@ fn line(track: &Track) -> Option<Line> {
         sigma,
         slope: f32::NAN,
         confidence: 0.0,
-        is_last: false,
+        is_last: [true; 2],
+        is_lit: track.is_lit(),
         is_ghost,
     };
     if before.is_seen {
@@ -157,7 +170,7 @@ fn judge_row(rows: &[Vec<Line>], y: usize, pitch: f32) -> Vec<Line> {
             [Some(a), Some(b)] => 0.5 * (a + b),
             [a, b] => a.or(b).unwrap_or(f32::NAN),
         };
-        line.is_last = next.iter().any(Option::is_none);
+        line.is_last = next.map(|it| it.is_none());
         let determinant = s * syy - sy * sy;
         if n_beside >= 2 && determinant > 1e-3 * s * syy {
             let off = (syy * sx - sy * sxy) / determinant;
@@ -172,7 +185,7 @@ fn judge_row(rows: &[Vec<Line>], y: usize, pitch: f32) -> Vec<Line> {
         }
         // Where light fades out, its end is as likely to be taken for the last boundary as that itself.
         let wide = line.slope.recip();
-        if line.is_last && wide > WIDE * pitch {
+        if line.is_last.contains(&true) && wide > WIDE * pitch {
             line.sigma = line.sigma.hypot(FADING * wide);
         }
         judged.push(line);
@@ -313,6 +326,31 @@ mod tests {
             assert!(judged.rms() <= rms_px, "seed {seed}: {} px {judged:?}", judged.rms());
             assert!(judged.wrong * 1000 <= wrong_per_1000 * judged.found, "seed {seed}: {judged:?}");
         }
+    }
+
+    /// Numbers of boundaries in the middle of five rows, eight pixels apart, that may be the end of the light; `is_lit` says where there is light beside the last of them.
+    fn ends(numbers: std::ops::RangeInclusive<u16>, is_lit: [bool; 2]) -> Vec<u16> {
+        let last = *numbers.end();
+        let of = |number: u16| Line {
+            number,
+            x: 8.0 * f32::from(number),
+            sigma: 0.1,
+            slope: f32::NAN,
+            confidence: 0.0,
+            is_last: [true; 2],
+            is_lit: if number == last { is_lit } else { [true; 2] },
+            is_ghost: false,
+        };
+        let rows = vec![numbers.map(of).collect::<Vec<Line>>(); 5];
+        let judged = judge_row(&rows, 2, 8.0);
+        judged.iter().filter(|it| it.may_be_end()).map(|it| it.number).collect()
+    }
+
+    #[test]
+    fn a_last_boundary_beyond_which_there_is_never_light_may_be_the_end_of_the_light() {
+        assert_eq!(ends(10..=14, [true, false]), [14]);
+        assert_eq!(ends(10..=14, [false, true]), [], "its neighbour is known where it was not lit");
+        assert_eq!(ends(10..=14, [true, true]), []);
     }
 
     #[test]

@@ -77,6 +77,8 @@ pub struct Track {
     missed: u32,
     /// Pictures of the code in which it should have been seen and was not when they were shown last, as bits.
     owed: u8,
+    /// Pictures since light was seen on its left, and on its right.
+    since_lit: [u8; 2],
 }
 
 impl Track {
@@ -116,6 +118,18 @@ impl Track {
     /// Whether each picture of the code fitted when it was shown last.
     pub fn fits_all(&self) -> bool {
         self.owed == 0
+    }
+
+    /// Whether light was seen on its left, and on its right, while each picture of the code was shown last. On the other side of an edge where light ends there is none in any of them.
+    pub fn is_lit(&self) -> [bool; 2] {
+        self.since_lit.map(|it| usize::from(it) < FRAMES)
+    }
+
+    /// Takes down on which sides there is light in a picture.
+    fn light(&mut self, is_lit: [bool; 2]) {
+        for (since, is_lit) in self.since_lit.iter_mut().zip(is_lit) {
+            *since = if is_lit { 0 } else { since.saturating_add(1) };
+        }
     }
 
     /// Pictures that fitted.
@@ -372,7 +386,9 @@ impl Matcher {
                     let mut free = edges.iter().zip(&self.is_taken).filter(|it| !it.1);
                     let is_contradicted = track.number().is_some() && free.any(|it| is_near(it.0));
                     track.unseen += 1;
-                    let hidden = match level(edges, track.now.x, options.pitch) {
+                    let level = level(edges, track.now.x, options.pitch);
+                    track.light([level == Some(true) && !is_contradicted; 2]);
+                    let hidden = match level {
                         Some(is_lit) => code.that_look(if is_lit { Look::Lit } else { Look::Dark }, frame),
                         None => code.hidden(frame),
                     };
@@ -490,6 +506,7 @@ fn begin(edge: &Edge, velocity: f32, frame: usize) -> Track {
         unseen: 0,
         missed: 0,
         owed: 0,
+        since_lit: [edge.is_rising, !edge.is_rising].map(|is_dark| if is_dark { u8::MAX } else { 0 }),
     }
 }
 
@@ -501,6 +518,7 @@ fn see(track: &mut Track, edge: &Edge, frame: usize) {
     track.seen += 1;
     track.now = Place { x: edge.x, sigma: edge.sigma, is_seen: true, ..track.now };
     track.possible &= BoundaryCode::get().that_look(look_of(edge), frame);
+    track.light([!edge.is_rising, edge.is_rising]);
     track.run += 1;
     track.owed &= !bit(frame);
     (track.unseen, track.missed) = (0, 0);
@@ -552,5 +570,41 @@ fn level(edges: &[Edge], x: f32, pitch: f32) -> Option<bool> {
     match (left.map(|it| it.is_rising), right.map(|it| !it.is_rising)) {
         (Some(a), Some(b)) => (a == b).then_some(a),
         (one, other) => one.or(other),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sides_on_which_light_was_seen_are_known_for_four_pictures() {
+        let edge = |is_rising: bool| Edge { x: 50.0, is_rising, sigma: 0.1 };
+        let mut track = begin(&edge(false), 0.0, 0);
+        for frame in 1..9 {
+            see(&mut track, &edge(false), frame);
+            assert_eq!(track.is_lit(), [true, false], "light ends there");
+        }
+        see(&mut track, &edge(true), 9);
+        assert_eq!(track.is_lit(), [true, true]);
+        for frame in 10..13 {
+            see(&mut track, &edge(true), frame);
+        }
+        assert_eq!(track.is_lit(), [false, true], "as long as the code is since it was lit on its left");
+        // A ghost between lit stripes: light on both sides, unless light ends right there.
+        let lit = |at: usize| BoundaryCode::get().look(at, 13) == Look::Lit;
+        let number = (0..BoundaryCode::get().len()).find(|it| lit(*it)).unwrap_or(0);
+        for (ends_there, is_lit) in [(false, [true, true]), (true, [false, true])] {
+            let mut tracks = vec![Track { possible: 1 << number, run: PROVEN, now: track.now, ..track.clone() }];
+            tracks[0].now.x = 50.0;
+            let around = [(30.0, true), (70.0, false)].map(|(x, is_rising)| Edge { x, is_rising, sigma: 0.1 });
+            let mut edges = around.to_vec();
+            if ends_there {
+                edges.splice(1..1, [edge(false)]);
+            }
+            Matcher::default().row(&mut tracks, &edges, 13, &TrackOptions::default());
+            let ghost = tracks.iter().find(|it| it.number() == Some(number));
+            assert_eq!(ghost.map(Track::is_lit), Some(is_lit), "{ends_there}");
+        }
     }
 }
