@@ -21,8 +21,8 @@ const LEAST: usize = 2;
 /// … or so many where what one neighbour in the row says of tracks above and below is among it.
 const LEAST_VAGUE: usize = 3;
 
-/// Gives tracks numbers that known ones around them agree on. `rows` ascend by column; `pitch` is from one stripe to the next [px].
-pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32) {
+/// Gives tracks numbers that known ones around them agree on, in picture `frame` of the code. `rows` ascend by column; `pitch` is from one stripe to the next [px]; `fast` says that the surface goes through the stripes fast.
+pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32, frame: usize, fast: bool) {
     let wide: Vec<Vec<f32>> = rows.iter().map(|row| widths(row, pitch)).collect();
     let mut adopted: Vec<(usize, usize, usize, bool)> = Vec::new();
     // By row: columns of tracks that were seen twice, and what known ones to their left or right say. At an upright border of what is known no row has more than that, and rows agree.
@@ -31,7 +31,8 @@ pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32) {
         .zip(&wide)
         .map(|(row, wide)| {
             let open = row.iter().enumerate().filter(|it| it.1.is_open() && it.1.is_seen_twice());
-            open.filter_map(|(at, it)| Some((it.now.x, numbers_beside(row, at, wide[at]).next()?))).collect()
+            open.filter_map(|(at, it)| Some((it.now.x, numbers_beside(row, at, wide[at], frame, fast).next()?)))
+                .collect()
         })
         .collect();
     for (y, row) in rows.iter().enumerate() {
@@ -39,8 +40,8 @@ pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32) {
             let x = track.now.x;
             let beside = (y.saturating_sub(ROWS)..(y + ROWS + 1).min(rows.len())).filter(|it| *it != y);
             let beside = beside.map(|it| (it, REACH * wide[y][at] * it.abs_diff(y) as f32));
-            let above_and_below = beside.clone().filter_map(|(it, reach)| number_at(&rows[it], x, reach));
-            let known = agreed(above_and_below.chain(numbers_beside(row, at, wide[y][at])));
+            let above_and_below = beside.clone().filter_map(|(it, reach)| number_at(&rows[it], x, reach, fast));
+            let known = agreed(above_and_below.chain(numbers_beside(row, at, wide[y][at], frame, fast)));
             let vague =
                 || beside.filter_map(|(it, reach)| said[it].iter().find(|it| (it.0 - x).abs() <= reach)).map(|it| it.1);
             let found = match known {
@@ -61,21 +62,31 @@ pub(super) fn adopt(rows: &mut [Vec<Track>], pitch: f32) {
 }
 
 /// The number of the nearest known track within `reach` [px].
-fn number_at(row: &[Track], x: f32, reach: f32) -> Option<usize> {
+fn number_at(row: &[Track], x: f32, reach: f32, fast: bool) -> Option<usize> {
     let first = row.partition_point(|it| it.now.x < x - reach);
-    let near = row[first..].iter().take_while(|it| it.now.x <= x + reach).filter(|it| it.vouches());
+    let near = row[first..].iter().take_while(|it| it.now.x <= x + reach).filter(|it| it.vouches(fast));
     near.min_by(|a, b| (a.now.x - x).abs().total_cmp(&(b.now.x - x).abs())).and_then(Track::number)
 }
 
-/// What the neighbours of a track in its row say of its number: that on its left, that on its right.
-fn numbers_beside(row: &[Track], at: usize, wide: f32) -> impl Iterator<Item = usize> {
+/// What the neighbours of a track in its row say of its number: that on its left, that on its right. Between them and the track there may be a boundary that does not show in picture `frame`.
+fn numbers_beside(row: &[Track], at: usize, wide: f32, frame: usize, fast: bool) -> impl Iterator<Item = usize> {
     let n = BoundaryCode::get().len();
-    let of = |other: Option<usize>, step: usize| {
-        let track = row.get(other?).filter(|it| it.vouches())?;
-        let away = (track.now.x - row[at].now.x).abs() / wide;
-        track.number().filter(|_| NEXT.contains(&away)).map(|it| (it + step) % n)
+    // The nearest that is known or seen; of what is not seen and not known the picture says nothing.
+    let says = |it: &&Track| it.now.is_seen || it.vouches(fast);
+    let left = row[..at].iter().rev().find(says);
+    let right = row[at + 1..].iter().find(says);
+    let of = |other: Option<&Track>, step: usize| {
+        let track = other.filter(|it| it.vouches(fast))?;
+        let (from, away) = (track.number()?, (track.now.x - row[at].now.x).abs() / wide);
+        // The next one, or the one after it where the next does not show.
+        let next = (from + step) % n;
+        let (number, steps) = match BoundaryCode::get().look(next, frame).shows() {
+            true => (next, 1.0),
+            false => ((next + step) % n, 2.0),
+        };
+        NEXT.contains(&(away / steps)).then_some(number)
     };
-    [of(at.checked_sub(1), 1), of(at.checked_add(1), n - 1)].into_iter().flatten()
+    [of(left, 1), of(right, n - 1)].into_iter().flatten()
 }
 
 /// What some say.

@@ -42,13 +42,18 @@ const LEAST_OFF: f32 = 0.1;
 /// A surface that goes through the light explains where boundaries are so much better than one that rests [–].
 const BETTER: f32 = 0.8;
 
+/// Whether a track is in the profile of its row.
+pub(super) fn is_in_profile(track: &Track) -> bool {
+    track.number().is_some() && track.fits_all()
+}
+
 /// The known boundaries of a row.
 pub(super) fn profile(row: &[Track]) -> Profile {
     let n = BoundaryCode::get().len();
     let mut found: Profile = Vec::with_capacity(row.len());
     let mut last: Option<usize> = None;
     for track in row {
-        let Some(number) = track.number().filter(|_| track.fits_all()) else { continue };
+        let Some(number) = track.number().filter(|_| is_in_profile(track)) else { continue };
         let place = match (last, found.last()) {
             (Some(last), Some((place, _))) => {
                 let on = (number + n - last) % n;
@@ -190,6 +195,13 @@ impl Sliding {
         Some(ahead? - 2.0 * column(profile, near, place)? + behind?)
     }
 
+    /// Where the boundary at a place of a profile is next, less what the caller foretells; `None` where its neighbours do not say [px].
+    pub fn column(&self, profile: &[(f32, f32)], place: f32) -> Option<f32> {
+        let at = place - self.stripes;
+        let near = profile.partition_point(|it| it.0 < at);
+        Some(column(profile, near, at)? + self.pixels)
+    }
+
     /// How far a boundary goes next of which nothing is known but where it is [px a picture]; `None` where its neighbours do not say.
     pub fn velocity(&self, profile: &[(f32, f32)], near: usize, x: f32) -> Option<f32> {
         let next = place(profile, near, x)
@@ -225,6 +237,8 @@ mod tests {
                 let (next_gone, gone) = (next[at].1 - now[at].1, now[at].1 - before[at].1);
                 let velocity = sliding.velocity(&now, at, now[at].1).unwrap();
                 assert!((velocity - next_gone).abs() < 0.06, "{stripes}, {at}: {velocity} for {next_gone}");
+                let foretold = sliding.column(&now, now[at].0).unwrap();
+                assert!((foretold - next[at].1).abs() < 0.06, "{stripes}, {at}: {foretold} for {}", next[at].1);
                 let faster = sliding.faster(&now, 0, now[at].1).unwrap();
                 assert!(
                     (faster - (next_gone - gone)).abs() < 0.06,
