@@ -37,6 +37,9 @@ pub struct PeopleOptions {
 /// on, makes two bodies that leave hardly less than the one.
 const FEWER: f64 = 0.06;
 
+/// Trunks whose middles are nearer to each other, seen from above, may be two halves of one [m].
+const HALVES: f64 = 0.5;
+
 /// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
 
@@ -94,6 +97,8 @@ pub struct Followed {
     pub is_touching: bool,
     /// How long it was a trunk without limbs that lies at somebody else's [s].
     pub doubt_s: f64,
+    /// Frames since it was found in voxels that hang together with another body's, and as long as it was not seen apart from that: it may be half of it.
+    half: Option<u64>,
 }
 
 /// What happened since the start.
@@ -154,11 +159,12 @@ impl People {
         dt_s: f64,
         labelled: impl Fn(u32, &BodyTracker) -> Vec<Labelled>,
     ) -> Vec<Unmodelled> {
-        let Shares { owners, is_shared, left } = self.share_out(cubes);
+        let Shares { mut owners, is_shared, left } = self.share_out(cubes);
         for (place, followed) in self.followed.iter_mut().enumerate() {
             followed.age_s += dt_s;
             followed.is_seen = !owners[place].is_empty();
             followed.is_touching = is_shared[place];
+            followed.half = followed.half.filter(|_| is_shared[place]).map(|it| it + 1);
             let own: Vec<[u16; 3]> = owners[place].iter().map(|&it| cubes.indices[it]).collect();
             match VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells) {
                 Some(field) => {
@@ -172,6 +178,7 @@ impl People {
             let is_doubtful = is_shared[place] && is_trunk && tracker.upright() < UPRIGHT;
             followed.doubt_s = if is_doubtful { followed.doubt_s + dt_s } else { 0.0 };
         }
+        self.join_halves(cubes, &mut owners);
         // Somebody new beside somebody: voxels that hang together with a body and are not near it.
         let mut beside = Vec::new();
         for (place, followed) in self.followed.iter().enumerate() {
@@ -194,6 +201,41 @@ impl People {
         }
         self.mark_shared_limbs();
         unmodelled
+    }
+
+    /// Makes one body of two that are one: silhouettes that lost the head of somebody leave shoulders that look like two heads, and each half is somebody. Tried in the frames after they were found, ever more seldom;
+    /// who was seen apart is somebody.
+    fn join_halves(&mut self, cubes: &Cubes, owners: &mut Vec<Vec<usize>>) {
+        let is_due = |it: &Followed| it.half.is_some_and(u64::is_power_of_two);
+        let middle = |it: &Followed| it.tracker.filter().body.torso;
+        let near = |a: &Followed, b: &Followed| (middle(a) - middle(b)).xy().norm() < HALVES;
+        let mut second = 1;
+        while second < self.followed.len() {
+            let pair = |first: &usize| {
+                let [a, b] = [&self.followed[*first], &self.followed[second]];
+                a.is_touching && b.is_touching && (is_due(a) || is_due(b)) && near(a, b)
+            };
+            let one =
+                (0..second).find(pair).and_then(|first| Some((first, self.one_of(cubes, owners, [first, second])?)));
+            let Some((first, one)) = one else {
+                second += 1;
+                continue;
+            };
+            self.followed[first].tracker = one;
+            self.followed.remove(second);
+            let voxels = owners.remove(second);
+            owners[first].extend(voxels);
+            self.counts.lost += 1;
+        }
+    }
+
+    /// The one body in the voxels of two, if these leave hardly less of the skin to nobody.
+    fn one_of(&self, cubes: &Cubes, owners: &[Vec<usize>], pair: [usize; 2]) -> Option<BodyTracker> {
+        let own: Vec<[u16; 3]> = pair.iter().flat_map(|it| &owners[*it]).map(|it| cubes.indices[*it]).collect();
+        let field = VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells)?;
+        let one = BodyTracker::acquire(&field, &self.options.tracker).ok()?;
+        let unexplained = pair.map(|it| self.followed[it].tracker.support().unexplained).iter().sum::<f64>() / 2.0;
+        (unexplained > one.support().unexplained - FEWER).then_some(one)
     }
 
     /// Limbs that lie at another body that touches may be that body's, or lie elsewhere on it.
@@ -311,7 +353,8 @@ impl People {
 
     fn follow(&mut self, tracker: BodyTracker, is_touching: bool) {
         let id = self.next_id;
-        self.followed.push(Followed { id, tracker, age_s: 0.0, is_seen: true, is_touching, doubt_s: 0.0 });
+        let half = is_touching.then_some(0);
+        self.followed.push(Followed { id, tracker, age_s: 0.0, is_seen: true, is_touching, doubt_s: 0.0, half });
         self.next_id += 1;
         self.counts.found += 1;
     }
@@ -484,6 +527,41 @@ mod tests {
         }
         assert!(lone >= 11 && two >= 11, "of 12 alone {lone} are one, of 12 twos {two} are two");
         assert_eq!(elsewhere, 0, "measured joints of the twos are elsewhere");
+    }
+
+    #[test]
+    fn somebody_whose_head_lacked_at_first_is_one_body_before_long() {
+        let (mut begun, mut left) = (0, Vec::new());
+        for seed in 9808..9822 {
+            let mut random = Random::new(seed);
+            let arms = [random.uniform_in(0.1, 0.5), random.uniform_in(0.1, 0.5)];
+            let stance = drawn::Stance { stature: 1.78, arms, ..drawn::Stance::upright(&mut random) };
+            let (tubes, joints) = stance.drawn();
+            let cameras = drawn::ring(8, &mut random);
+            let head = joints.iter().find(|it| it.0 == Joint::Head).map_or(Point3::origin(), |it| it.1);
+            let lost = [0, 3].map(|it| (it, random.uniform_in(0.1, 0.22)));
+            let (origin, whole) = drawn::hull_cells(&tubes, &cameras, 0.025);
+            let is_seen = |it: &&[u16; 3]| {
+                let at = origin + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * 0.025;
+                lost.iter().all(|(camera, radius)| drawn::passes(&cameras[*camera], &at, &[head; 2]) > *radius)
+            };
+            let rest: Vec<[u16; 3]> = whole.iter().filter(is_seen).copied().collect();
+            let mut people = People::new(PeopleOptions::default());
+            for frame in 0..12 {
+                let indices = if frame < 3 { &rest } else { &whole };
+                let components = vec![0; indices.len()];
+                let cubes = Cubes { size: 0.025, origin, cells: ENDLESS, indices, components: &components };
+                people.step(&cubes, if frame == 0 { 0.0 } else { 0.04 }, |_, _| Vec::new());
+                begun += usize::from(frame == 0 && people.list().len() > 1);
+            }
+            let off: Vec<f64> =
+                people.list().iter().map(|it| (it.tracker.filter().body.centre(Part::Head) - head).norm()).collect();
+            if off.len() != 1 || off[0] > 0.06 {
+                left.push(format!("{seed}: {off:.3?}"));
+            }
+        }
+        assert!(begun > 0, "nobody begins as two");
+        assert!(left.is_empty(), "of {begun} that begin as two: {}", left.join(", "));
     }
 
     #[test]
