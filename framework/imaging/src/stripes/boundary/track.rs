@@ -216,6 +216,16 @@ impl Tracker {
         }
     }
 
+    /// How far the surface goes through the stripes from picture to picture, one at most [stripes].
+    fn lively(&self) -> f32 {
+        self.sliding.stripes.abs().min(1.0)
+    }
+
+    /// Whether the surface goes through the stripes so fast that boundaries are given numbers sooner than they are borne out one by one.
+    pub(super) fn is_fast(&self) -> bool {
+        self.lively() >= FAST
+    }
+
     /// How the surface went through the stripes up to the newest picture, as it was found when the next one was foretold.
     #[cfg(test)]
     pub(super) fn sliding(&self) -> Sliding {
@@ -304,7 +314,7 @@ impl Tracker {
     /// Takes up the edges of a picture that shows picture `frame` of the code.
     pub fn update(&mut self, edges: &Edges, frame: usize) {
         let options = self.options;
-        let lively = self.sliding.stripes.abs().min(1.0);
+        let (lively, fast) = (self.lively(), self.is_fast());
         let per_thread = self.rows.len().div_ceil(options.threads.max(1)).max(1);
         let rows = self.rows.make_contiguous();
         std::thread::scope(|scope| {
@@ -323,7 +333,7 @@ impl Tracker {
         });
         self.spread_velocities();
         for _ in 0..ADOPTIONS {
-            adopt(self.rows.make_contiguous(), self.options.pitch, frame, lively >= FAST);
+            adopt(self.rows.make_contiguous(), self.options.pitch, frame, fast);
         }
     }
 
