@@ -36,6 +36,39 @@ fn phase_places_each_pixel_by_itself() {
 }
 
 #[test]
+fn phases_are_as_far_off_as_they_say() {
+    // Waves so long in the camera's picture that the projector's pixels, which are even squares, are no stairs beside noise. Of that a gray level and a half is stated: there is one, that of rounding, and what the wave's form is off.
+    for (steps, period) in [(3, 128), (4, 128), (8, 256)] {
+        for seed in 1..=3 {
+            let scene = Scene {
+                projector: |x, y| [60.0 + 5.2 * x + 0.2 * y, 80.0 + 5.0 * y - 0.2 * x],
+                shadow: |_, _| false,
+                ..wall(seed)
+            };
+            let code = StripeCode::phase([1024, 768], steps, period);
+            let pictures = scene.pictures(&code);
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+            let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+            let found = coordinates(&code, &views, &decoded, &[], &PhaseOptions::default()).unwrap().coordinates;
+            for axis in Axis::BOTH.map(Axis::index) {
+                let known =
+                    found.values[axis].iter().zip(&found.sigmas[axis]).enumerate().filter(|it| it.1.0.is_finite());
+                let squares: Vec<f64> = known
+                    .map(|(at, (value, sigma))| {
+                        let truth = (scene.projector)((at % 160) as f64, (at / 160) as f64)[axis];
+                        ((f64::from(*value) - truth) / f64::from(*sigma)).powi(2)
+                    })
+                    .collect();
+                let normalised = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+                let about =
+                    format!("{steps} steps, axis {axis}, seed {seed}: {normalised} sigma, {} pixels", squares.len());
+                assert!((0.7..1.2).contains(&normalised) && squares.len() > 17_000, "{about}");
+            }
+        }
+    }
+}
+
+#[test]
 fn waves_of_a_projector_that_nobody_measured_are_told_by_themselves() {
     for (steps, period) in [(3, 8), (5, 8)] {
         for power in [0.5, 2.2] {
