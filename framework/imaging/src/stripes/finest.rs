@@ -22,8 +22,10 @@ pub struct TooFine {
 
 /// Side of a block [px].
 const BLOCK: usize = 64;
-/// Every so many columns and rows a pixel is looked at.
-const STEP: usize = 3;
+/// Every so many pixels of a row one is looked at, …
+const STEP: usize = 9;
+/// … in each row so many farther to the right than in the one above: within nine rows in each place of the step, and so in columns. A grid of every third column sees stripes three pixels wide at their edges alone, or never there.
+const ASIDE: usize = 7;
 /// Pixels of a block that have to be lit.
 const MIN_SAMPLES: usize = 60;
 /// The contrast of a bit in a block is that which so many of its pixels do not have [–].
@@ -165,8 +167,8 @@ impl TooFine {
 fn all_samples(views: &[&[u8]], width: usize, height: usize, min_contrast: u8) -> Vec<Vec<(usize, i32, i32)>> {
     let columns = width.div_ceil(BLOCK).max(1);
     let mut all = vec![Vec::new(); columns * height.div_ceil(BLOCK)];
-    for y in (STEP / 2..height).step_by(STEP) {
-        for x in (STEP / 2..width).step_by(STEP) {
+    for y in 0..height {
+        for x in (ASIDE * y % STEP..width).step_by(STEP) {
             let at = y * width + x;
             let (low, high) = views.iter().fold((255, 0), |(low, high), it| (it[at].min(low), it[at].max(high)));
             if high.saturating_sub(low) >= min_contrast.max(1) {
@@ -268,6 +270,25 @@ mod tests {
         let code = StripeCode::gray([160, 120]);
         for seed in 1..=3 {
             assert_eq!(found(&wall(seed), &code, |_| ()).levels(), [[0, 0]], "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn stripes_as_wide_as_a_whole_number_of_pixels_are_not_taken_for_finer_ones() {
+        // Finest stripes of 3, 4 and 6 pixels, upright in the picture.
+        let scales: [fn(f64, f64) -> [f64; 2]; 3] = [
+            |x, y| [(x + 0.5) / 1.5 + 9.5, (y + 0.5) / 1.5 + 9.5],
+            |x, y| [(x + 0.5) / 2.0 + 9.5, (y + 0.5) / 2.0 + 9.5],
+            |x, y| [(x + 0.5) / 3.0 + 9.5, (y + 0.5) / 3.0 + 9.5],
+        ];
+        for (number, projector) in scales.into_iter().enumerate() {
+            let scene = Scene { projector, shadow: |_, _| false, ..wall(4) };
+            let found = found(&scene, &StripeCode::gray([160, 120]), |_| ());
+            assert_eq!(
+                (found.levels(), found.narrow.concat()),
+                (vec![[0, 0]], vec![0; 2 * found.narrow.len()]),
+                "{number}"
+            );
         }
     }
 
