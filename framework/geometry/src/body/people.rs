@@ -98,7 +98,7 @@ pub struct Followed {
     /// How long it was a trunk without limbs that lies at somebody else's [s].
     pub doubt_s: f64,
     /// Frames since it was found in voxels that hang together with another body's, and as long as it was not seen apart from that: it may be half of it.
-    half: Option<u64>,
+    pub half: Option<u64>,
 }
 
 /// What happened since the start.
