@@ -216,10 +216,8 @@ impl BodyTracker {
         if self.look_anew(field) {
             return;
         }
-        if self.frame.is_multiple_of(ANEW_EVERY) {
-            if self.support.unexplained > REST_FROM {
-                self.reach_for_rest(field, labelled, 1);
-            }
+        if self.frame.is_multiple_of(ANEW_EVERY) && self.support.unexplained > REST_FROM {
+            self.reach_for_rest(field, labelled, 1);
         }
         self.look_around(field);
         let same = predicted.layout() == self.filter.layout();
