@@ -202,8 +202,22 @@ pub(super) fn hull_cells(tubes: &[Tube], cameras: &[Point3<f64>], size: f64) -> 
     (low, inside.collect())
 }
 
+/// What is left of cubes where a view lacks whatever it sees nearer to a place than a radius: from where it looks, the place, the radius [m].
+pub(super) fn without(
+    origin: &Point3<f64>,
+    cells: &[[u16; 3]],
+    size: f64,
+    lost: &[(Point3<f64>, Point3<f64>, f64)],
+) -> Vec<[u16; 3]> {
+    let is_seen = |it: &&[u16; 3]| {
+        let at = origin + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * size;
+        lost.iter().all(|(from, place, radius)| passes(from, &at, &[*place; 2]) > *radius)
+    };
+    cells.iter().filter(is_seen).copied().collect()
+}
+
 /// How near the line of sight from `from` through `place` passes a piece of a line [m].
-pub(super) fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) -> f64 {
+fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) -> f64 {
     let way = (place - from).normalize();
     let off = |it: &Point3<f64>| {
         let away = it - from;

@@ -106,7 +106,7 @@ pub struct Followed {
 pub struct Counts {
     /// Times that somebody was found.
     pub found: u64,
-    /// Times that somebody was lost.
+    /// Times that somebody was lost, or was found to be half of somebody.
     pub lost: u64,
     /// Times that voxels as large as a body were tried in vain.
     pub failed: u64,
@@ -215,8 +215,8 @@ impl People {
                 let [a, b] = [&self.followed[*first], &self.followed[second]];
                 a.is_touching && b.is_touching && (is_due(a) || is_due(b)) && near(a, b)
             };
-            let one =
-                (0..second).find(pair).and_then(|first| Some((first, self.one_of(cubes, owners, [first, second])?)));
+            let joined = |first: usize| Some((first, self.one_of(cubes, owners, [first, second])?));
+            let one = (0..second).filter(pair).find_map(joined);
             let Some((first, one)) = one else {
                 second += 1;
                 continue;
@@ -539,13 +539,9 @@ mod tests {
             let (tubes, joints) = stance.drawn();
             let cameras = drawn::ring(8, &mut random);
             let head = joints.iter().find(|it| it.0 == Joint::Head).map_or(Point3::origin(), |it| it.1);
-            let lost = [0, 3].map(|it| (it, random.uniform_in(0.1, 0.22)));
+            let lost = [0, 3].map(|it| (cameras[it], head, random.uniform_in(0.1, 0.22)));
             let (origin, whole) = drawn::hull_cells(&tubes, &cameras, 0.025);
-            let is_seen = |it: &&[u16; 3]| {
-                let at = origin + Vector3::from(it.map(|it| f64::from(it) + 0.5)) * 0.025;
-                lost.iter().all(|(camera, radius)| drawn::passes(&cameras[*camera], &at, &[head; 2]) > *radius)
-            };
-            let rest: Vec<[u16; 3]> = whole.iter().filter(is_seen).copied().collect();
+            let rest = drawn::without(&origin, &whole, 0.025, &lost);
             let mut people = People::new(PeopleOptions::default());
             for frame in 0..12 {
                 let indices = if frame < 3 { &rest } else { &whole };

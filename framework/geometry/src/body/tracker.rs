@@ -226,7 +226,7 @@ impl BodyTracker {
 
     /// A fit that began wrong explains little and hardly finds out by itself: a body found in these voxels alone, without what went before, takes its place if it explains more.
     ///
-    /// Begun in silhouettes that lost the head, it took the chest for one: that is a head of which a third of the skin lacks, below a head that is nobody's.
+    /// Begun in silhouettes that lost the head, it took the chest for one: that is a head of which a fifth of the skin lacks, below a head that is nobody's.
     fn look_anew(&mut self, field: &VoxelField) -> bool {
         let left = self.support.unexplained;
         // A child may be somebody grown up whose head the silhouettes had lost.
