@@ -32,7 +32,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Whether it may be the end of the light rather than a boundary: the last one in its row, beyond which no light was seen in four pictures, or one without a neighbour on either side to bear it out.
+    /// Whether it may be the end of the light rather than a boundary: the last one in its row, beyond which no light was seen in four pictures, or one without a neighbour on either side to confirm it.
     pub fn may_be_end(&self) -> bool {
         let is_dark_beyond = self.is_last.iter().zip(self.is_lit).any(|(is_last, is_lit)| *is_last && !is_lit);
         is_dark_beyond || self.is_last == [true; 2]
