@@ -30,6 +30,8 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use foveate_geometry::Camera;
+use foveate_geometry::pan_tilt::HeadCovariance;
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::calibration_file;
 use crate::clocks::{self, Clocks};
@@ -214,6 +216,33 @@ impl Calibration {
         Some(self.heads.0.get(name)?.carrying(self.camera(name)?))
     }
 
+    /// The same rig in a world that is turned so that `up`, a direction of length 1 in the world as it is, becomes Z. Pixels stay as they are; lengths, clocks and axes of heads, which stand in
+    /// their cameras' space, too.
+    pub fn with_up(&self, up: &Vector3<f64>) -> Calibration {
+        // What points straight down is turned about X.
+        let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let turn = UnitQuaternion::rotation_between(up, &Vector3::z()).unwrap_or(half_turn);
+        let mut turned = self.clone();
+        for it in &mut turned.cameras {
+            it.camera.camera_from_world *= Isometry3::from_parts(Default::default(), turn.inverse());
+        }
+        // What moves a pose stands in the world's space.
+        let mut of_motion = Matrix6::zeros();
+        for block in [0, 3] {
+            of_motion.fixed_view_mut::<3, 3>(block, block).copy_from(turn.to_rotation_matrix().matrix());
+        }
+        for covariance in turned.uncertainties.values_mut().filter_map(|it| it.pose_covariance.as_mut()) {
+            *covariance = of_motion * *covariance * of_motion.transpose();
+        }
+        for HeadCovariance { whole } in turned.heads.0.values_mut().filter_map(|it| it.covariance.as_mut()) {
+            let rows = of_motion * whole.fixed_rows::<6>(0);
+            whole.fixed_rows_mut::<6>(0).copy_from(&rows);
+            let columns = whole.fixed_columns::<6>(0) * of_motion.transpose();
+            whole.fixed_columns_mut::<6>(0).copy_from(&columns);
+        }
+        turned
+    }
+
     /// As a TOML file, `origin` as its note. Reading it back gives the same numbers, but for rounding in the last
     /// digits of the pose.
     pub fn to_toml(&self) -> String {
@@ -295,7 +324,7 @@ pub(crate) fn sort_by_place(faults: &mut [CalibrationDiagnostic]) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Point2, Point3, UnitQuaternion, Vector3};
+    use nalgebra::{Point2, Point3};
     use proptest::prelude::*;
 
     use super::*;
@@ -349,6 +378,33 @@ camera_from_world_wxyz = [1.0002, 0, 0, 0]
         let ahead = wide_10.project(&Point3::new(1.0, 3.0, 2.5)).unwrap();
         assert!((ahead - Point2::new(319.5, 119.5)).norm() < 1e-9, "{ahead}");
         assert_eq!(wide_10.intrinsics.skew, 0.0);
+    }
+
+    #[test]
+    fn a_world_whose_y_points_up_or_down_is_turned_with_all_that_is_known_of_it() {
+        let pose_covariance = Some(Matrix6::from_diagonal(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0].into()));
+        let mut calibration = parse(GOOD).unwrap();
+        calibration
+            .uncertainties
+            .insert("wide-2".into(), crate::CameraUncertainty { pose_covariance, ..Default::default() });
+        let place = Point3::new(1.2, 3.0, 2.9);
+        for (up, turned_place, variances) in [
+            (Vector3::y(), Point3::new(1.2, -2.9, 3.0), [1.0, 3.0, 2.0, 4.0, 6.0, 5.0]),
+            (-Vector3::y(), Point3::new(1.2, 2.9, -3.0), [1.0, 3.0, 2.0, 4.0, 6.0, 5.0]),
+            (-Vector3::z(), Point3::new(1.2, -3.0, -2.9), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+            (Vector3::x(), Point3::new(-2.9, 3.0, 1.2), [3.0, 2.0, 1.0, 6.0, 5.0, 4.0]),
+            (Vector3::z(), place, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+        ] {
+            let turned = calibration.with_up(&up);
+            for (before, after) in calibration.cameras.iter().zip(&turned.cameras) {
+                let [before, after] =
+                    [(before, place), (after, turned_place)].map(|(it, place)| it.camera.project(&place));
+                let off = (before.unwrap() - after.unwrap()).norm();
+                assert!(off < 1e-9, "{up}: {off} px");
+            }
+            let found = turned.uncertainties["wide-2"].pose_covariance.unwrap().diagonal();
+            assert!((found - nalgebra::Vector6::from(variances)).norm() < 1e-9, "{up}: {found}");
+        }
     }
 
     #[test]
