@@ -100,6 +100,9 @@ pub(crate) const ONE_VIEW: &str =
     "one view alone bounds no body: no other camera has a silhouette of this time that is worth anything";
 /// A body that reaches so far below the volume's floor stands on another one [m]: below a foot, cameras that look down by 45° or less do not call so much body.
 const BELOW: f64 = 0.15;
+/// So much of what stands on the floor has silhouettes there, too [–, of area], which is asked at so many places along a side.
+const BELOW_SHARE: f64 = 0.3;
+const BELOW_PLACES: u32 = 32;
 /// A litre, and the part of the largest piece, below which pieces are left out where nothing is said [m³, –].
 const SMALLEST: [f64; 2] = [1e-3, 0.05];
 
@@ -229,19 +232,31 @@ impl Hull {
         if offset[2] > 0 {
             return false;
         }
-        let (mut n_floor, mut n_below) = (0, 0);
-        for index in surface.iter().filter(|it| it[2] == 0) {
-            let below = grid.centre(index) - Vector3::z() * BELOW;
-            let is_flat = |it: &&SilhouetteView| {
-                let away = it.camera.centre() - below;
-                away.z.abs() < away.xy().norm()
-            };
-            let flat: Vec<SilhouetteView> = used.iter().filter(is_flat).copied().collect();
-            let (seen, dissent) = opinions(&below, &flat);
-            n_floor += 1;
-            n_below += u32::from(seen >= 2 && dissent == 0);
-        }
-        2 * n_below > n_floor
+        let floor: Vec<[u32; 3]> = surface.iter().filter(|it| it[2] == 0).collect();
+        let bound = |axis: usize| {
+            let places = floor.iter().map(|it| it[axis]);
+            Some([places.clone().min()?, places.max()?])
+        };
+        let (Some([west, east]), Some([south, north])) = (bound(0), bound(1)) else { return false };
+        // A leg that slants comes out beside the place where it goes in.
+        let aside = (BELOW / grid.size).ceil() as u32;
+        let step = ((east - west).max(north - south) + 2 * aside).div_ceil(BELOW_PLACES).max(1);
+        let n_below = (0..=(east - west + 2 * aside) / step)
+            .flat_map(|x| (0..=(north - south + 2 * aside) / step).map(move |y| [x * step, y * step]))
+            .filter(|[x, y]| {
+                let off =
+                    Vector3::new(f64::from(*x), f64::from(*y), 0.0) - Vector3::new(1.0, 1.0, 0.0) * f64::from(aside);
+                let below = grid.centre([west, south, 0]) + off * grid.size - Vector3::z() * BELOW;
+                let is_flat = |it: &&SilhouetteView| {
+                    let away = it.camera.centre() - below;
+                    away.z.abs() < away.xy().norm()
+                };
+                let flat: Vec<SilhouetteView> = used.iter().filter(is_flat).copied().collect();
+                let (seen, dissent) = opinions(&below, &flat);
+                seen >= 2 && dissent == 0
+            })
+            .count();
+        (n_below * step.pow(2) as usize) as f64 > BELOW_SHARE * floor.len() as f64
     }
 
     fn status(&self, view: &View) -> ViewStatus {

@@ -138,10 +138,12 @@ impl Words {
         for (camera, list) in &self.contradictions {
             report.remark(format!("{}: {}", name(camera), contradiction(list, self.n_sets)));
         }
+        let is_cut_below = self.below as f64 >= OFTEN * self.n_sets as f64 && self.below > 0;
         let mut least = least.to_vec();
         least.sort_by(|a, b| a.0.total_cmp(&b.0));
         let median = least.get(least.len() / 2).map_or(0.0, |it| it.0);
-        let is_told = |it: &str| self.contradictions.keys().any(|camera| name(camera) == it);
+        // What a volume cuts off is no camera's fault.
+        let is_told = |it: &str| is_cut_below || self.contradictions.keys().any(|camera| name(camera) == it);
         for (share, camera) in least.iter().filter(|it| it.0 < median - APART && !is_told(it.1)) {
             report.remark(format!(
                 "{camera}: the voxels cover {:.0} % of its silhouettes, of the median camera's {:.0} %: it shows what is no body, or its pose is a little off",
@@ -168,7 +170,7 @@ impl Words {
                 self.n_sets
             ));
         }
-        if self.below as f64 >= OFTEN * self.n_sets as f64 && self.below > 0 {
+        if is_cut_below {
             report.remark(format!(
                 "silhouettes go on below the volume's floor, z = {:.3} m, in {} of {} sets: it cuts bodies off, and ankles are looked for where it ends; expected `volume_m` with a `min` below the feet",
                 volume.min[2], self.below, self.n_sets
@@ -214,7 +216,8 @@ impl Words {
             "people are taken for lying ones"
         };
         Some(format!(
-            "the cameras' pictures are upright where {sign}{} is up, and z is expected to be: {what}, and shadows are not told by their height; turn the calibration (`foveate calibrate`: its vertical)",
+            "the cameras' pictures are upright where {sign}{} is up, and z is expected to be: {what}, and shadows are not told by their height; turn the calibration (`foveate convert CALIBRATION OUT.toml --from-up {sign}{}`)",
+            ["x", "y", "z"][axis],
             ["x", "y", "z"][axis]
         ))
     }
