@@ -57,7 +57,7 @@ const TINTS: [[u8; 3]; 6] =
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportVoxelOverlaySettings {
-    /// One set of voxels in so many is drawn [–]
+    /// One set of voxels in so many is drawn, and the last one [–]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,
     /// Pictures drawn at most [–]
@@ -70,7 +70,7 @@ pub struct ExportVoxelOverlaySettings {
 
 impl Default for ExportVoxelOverlaySettings {
     fn default() -> Self {
-        Self { every_n: 50, max_pictures: 20, tint: 0.55 }
+        Self { every_n: 25, max_pictures: 20, tint: 0.55 }
     }
 }
 
@@ -89,6 +89,8 @@ pub struct ExportVoxelOverlay {
     has_poses: bool,
     /// Sets that wait for their picture, by number.
     waiting: VecDeque<(u64, Arc<Voxels>)>,
+    /// The newest set, if it is not to be drawn: the last one of all is.
+    newest: Option<(u64, Arc<Voxels>)>,
     n_come: u64,
     n_drawn: u64,
     n_without: u64,
@@ -130,6 +132,7 @@ impl Node for ExportVoxelOverlay {
             has_silhouettes: setup.is_connected(&SILHOUETTE),
             has_poses: setup.is_connected(&POSE),
             waiting: VecDeque::new(),
+            newest: None,
             n_come: 0,
             n_drawn: 0,
             n_without: 0,
@@ -154,8 +157,11 @@ impl Node for ExportVoxelOverlay {
         if let Some(voxels) = io.take(&VOXELS) {
             let number = self.n_come;
             self.n_come += 1;
+            self.newest = None;
             if number.is_multiple_of(self.settings.every_n) && self.n_drawn < self.settings.max_pictures {
                 self.waiting.push_back((number, voxels.value));
+            } else {
+                self.newest = Some((number, voxels.value));
             }
         }
         // What completes a set of silhouettes may reach the carver before it comes here.
@@ -173,6 +179,10 @@ impl Node for ExportVoxelOverlay {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.n_without += self.waiting.len() as u64;
+        if let Some((number, voxels)) = self.newest.take().filter(|_| self.n_drawn < self.settings.max_pictures) {
+            // Without a picture of its time it was not asked for.
+            let _ = self.draw(number, &voxels);
+        }
         if self.n_without > 0 {
             let n = self.n_without;
             report.remark(format!(
@@ -370,6 +380,32 @@ mod tests {
         let outline = picture.pixels().filter(|it| it.0 == OUTLINE).count();
         assert_eq!(outline, 4 * 9);
         assert_eq!(picture.get_pixel(50, 100).0, OUTLINE);
+    }
+
+    #[test]
+    fn of_a_short_recording_the_first_and_the_last_set_are_drawn() {
+        let folder = tempfile::tempdir().unwrap();
+        let setup = Setup {
+            out_dir: Some(folder.path().to_owned()),
+            calibration: Arc::new(ring_calibration(3)),
+            camera: Some(CameraId(0)),
+            connected: ["image", "voxels"].map(str::to_owned).to_vec(),
+            ..Setup::for_tests()
+        };
+        let mut bench =
+            NodeBench::<ExportVoxelOverlay>::with_setup(ExportVoxelOverlaySettings::default(), &setup).unwrap();
+        for frame in 0..12 {
+            let time = Time::from_s(0.04 * f64::from(frame));
+            let image = Image { width: 8, height: 6, pixels: vec![20; 48], ..Image::default() };
+            bench.feed(&IMAGE, time, image).unwrap();
+            bench.feed(&VOXELS, time, Voxels { time, ..Voxels::default() }).unwrap();
+        }
+        let report = bench.finish().unwrap();
+        assert!(report.remarks.is_empty(), "{:?}", report.remarks);
+        let mut names: Vec<_> =
+            fs::read_dir(folder.path().join(FOLDER)).unwrap().map(|it| it.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["ring-1_000000.png", "ring-1_000011.png"]);
     }
 
     #[test]
