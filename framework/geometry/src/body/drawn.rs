@@ -165,6 +165,30 @@ impl Stance {
     }
 }
 
+/// A chair of any size with a seat, a back and four legs, or one column.
+pub(super) fn chair(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
+    let mut of = |low: f64, high: f64| random.uniform_in(low, high);
+    let [x, y] = [of(0.18, 0.25), of(0.19, 0.25)];
+    let [seat, back, leg] = [of(0.40, 0.5), of(0.8, 1.15), of(0.018, 0.03)];
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), of(0.0, std::f64::consts::TAU));
+    let has_column = of(0.0, 1.0) < 0.3;
+    let p = |x: f64, y: f64, z: f64| Point3::from(turn * Vector3::new(x, y, z) + Vector3::new(at[0], at[1], 0.0));
+    // Slats beside each other make a plate.
+    let slats = (-8..=8).map(|it| y * f64::from(it) / 8.0);
+    let mut tubes: Vec<Tube> = slats
+        .flat_map(|y| [([p(-x, y, seat), p(x, y, seat)], 0.03), ([p(-x, y, seat), p(-x, y, back)], 0.025)])
+        .collect();
+    if has_column {
+        tubes.push(([p(0.0, 0.0, 0.06), p(0.0, 0.0, seat)], 0.035));
+        let foot = |it: u8| Rotation3::from_axis_angle(&Vector3::z_axis(), 1.2566 * f64::from(it)) * Vector3::x() * 0.3;
+        tubes.extend((0..5).map(foot).map(|it| ([p(0.0, 0.0, 0.08), p(it.x, it.y, 0.04)], 0.03)));
+    } else {
+        let corners = [[-x, -y], [-x, y], [x, -y], [x, y]];
+        tubes.extend(corners.map(|[x, y]| ([p(0.9 * x, 0.9 * y, 0.02), p(0.9 * x, 0.9 * y, seat)], leg)));
+    }
+    tubes
+}
+
 /// Cameras in a ring of 3.5 m at two heights, not quite even.
 pub(super) fn ring(n: usize, random: &mut Random) -> Vec<Point3<f64>> {
     let place = |i: usize, random: &mut Random| {
