@@ -1,8 +1,8 @@
 //! Which way of carrying on has foretold best of late.
 //!
 //! Each way's prediction over the horizon in use is kept until that time has come, and compared with what happened. Ways are weighted by
-//! their mean squared misses to the power −[`SHARPNESS`]: the best one nearly alone where it is much better, all alike where they are alike, without
-//! a jump when the lead changes. What is level and what is upright is weighted apart ([`Parts`]).
+//! their mean misses of the last half second and of the last seven, each to the power −[`SHARPNESS`]: the best one nearly alone where it is much better, all alike where they are alike, without
+//! a jump when the lead changes; and who led for long is not given up for one turn. What is level and what is upright is weighted apart ([`Parts`]).
 
 use std::collections::VecDeque;
 
@@ -15,10 +15,10 @@ use super::parts::{PARTS, Parts};
 pub(super) const WAYS: usize = 8;
 /// The first so many of them compete.
 const COMPETITORS: usize = 7;
-/// Of weights by mean squared misses [–]. Higher, and the lead of a few misses decides; lower, and the worst are not silenced.
-const SHARPNESS: i32 = 2;
-/// Weights forget this much faster than the stated uncertainty: who leads changes with what the point does, within half a second [–].
-const QUICKER: f64 = 4.0;
+/// Of weights by mean misses [–]. Higher, and the lead of a few misses decides; lower, and the worst are not silenced.
+const SHARPNESS: i32 = 3;
+/// Weights forget this much faster than the stated uncertainty, and this much slower: who leads changes with what the point does, within half a second, and half a second alone knows little [–].
+const QUICKER: [f64; 2] = [4.0, 0.3];
 /// What a way is worth beforehand, in the order of the ways: a velocity that fades slowly is that of people at most times. Chosen on four people who dance, jump and walk, and on drawn
 /// paths, so that no path is foretold worse than at constant velocity [–].
 const WORTH: [f64; COMPETITORS] = [1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0];
@@ -43,34 +43,34 @@ pub(super) struct PredictorWeighting {
     memory_s: f64,
     eye: Option<Point3<f64>>,
     waiting: VecDeque<Foretold>,
-    /// Of the ways, by which they are weighted, each part by its own.
-    recent: [Misses<WAYS>; PARTS],
-    /// Of the ways and last of the mixture, for the uncertainty that is stated.
-    lasting: Misses<{ WAYS + 1 }>,
+    /// Misses of the ways over the horizon squared [m/s²], by which they are weighted, each part by its own; quickly forgotten and slowly.
+    recent: [[Discounted<WAYS>; 2]; PARTS],
+    /// Squares of the same, an axis each, of the ways and last of the mixture [m²/s⁴], for the uncertainty that is stated.
+    lasting: Discounted<{ WAYS + 1 }>,
     last_s: f64,
 }
 
-/// Discounted sums of squared misses, an axis each, over the horizon squared squared [m²/s⁴].
-#[derive(Debug, Clone)]
-struct Misses<const N: usize> {
-    squares: [f64; N],
+/// Discounted means.
+#[derive(Debug, Clone, Copy)]
+struct Discounted<const N: usize> {
+    sums: [f64; N],
     count: f64,
 }
 
-impl<const N: usize> Misses<N> {
-    fn beforehand() -> Misses<N> {
-        Misses { squares: [BEFOREHAND * BEFOREHAND_M_S2.powi(2); N], count: BEFOREHAND }
+impl<const N: usize> Discounted<N> {
+    fn beforehand(mean: f64) -> Discounted<N> {
+        Discounted { sums: [BEFOREHAND * mean; N], count: BEFOREHAND }
     }
 
     fn add(&mut self, kept: f64, missed: impl Iterator<Item = f64>) {
-        for (square, missed) in self.squares.iter_mut().zip(missed) {
-            *square = kept * *square + missed;
+        for (sum, missed) in self.sums.iter_mut().zip(missed) {
+            *sum = kept * *sum + missed;
         }
         self.count = kept * self.count + 1.0;
     }
 
     fn mean(&self, index: usize) -> f64 {
-        self.squares[index] / self.count
+        self.sums[index] / self.count
     }
 }
 
@@ -80,8 +80,8 @@ impl PredictorWeighting {
             memory_s,
             eye,
             waiting: VecDeque::new(),
-            recent: [Misses::beforehand(), Misses::beforehand()],
-            lasting: Misses::beforehand(),
+            recent: [[Discounted::beforehand(BEFOREHAND_M_S2); 2]; PARTS],
+            lasting: Discounted::beforehand(BEFOREHAND_M_S2.powi(2)),
             last_s: 0.0,
         }
     }
@@ -103,7 +103,9 @@ impl PredictorWeighting {
             let parts = Parts::new(self.eye.as_ref(), &happened);
             let missed = |point: &Point3<f64>| parts.squares(&(point - happened)).map(|it| it / scale);
             for (part, recent) in self.recent.iter_mut().enumerate() {
-                recent.add((-passed * QUICKER).exp(), foretold.by.iter().map(|it| missed(it)[part]));
+                for (recent, quicker) in recent.iter_mut().zip(QUICKER) {
+                    recent.add((-passed * quicker).exp(), foretold.by.iter().map(|it| missed(it)[part].sqrt()));
+                }
             }
             let axes = parts.axes();
             let an_axis = |point: &Point3<f64>| {
@@ -118,7 +120,8 @@ impl PredictorWeighting {
     fn weights(&self, part: usize) -> [f64; WAYS] {
         let mut weights = [0.0; WAYS];
         for (index, (weight, worth)) in weights.iter_mut().zip(WORTH).enumerate() {
-            *weight = worth * (self.recent[part].mean(index) + TRIFLE_M_S2.powi(2)).recip().powi(SHARPNESS);
+            let missed = self.recent[part].map(|it| it.mean(index) + TRIFLE_M_S2);
+            *weight = worth * (missed[0] * missed[1]).recip().powi(SHARPNESS);
         }
         let sum: f64 = weights.iter().sum();
         weights.map(|it| it / sum)
