@@ -322,7 +322,7 @@ impl Carver {
         let cameras: Vec<CameraId> = self.tally.keys().copied().collect();
         let result = self.hull.carve(&views, &cameras, &targets, &mut voxels);
         let seen: Vec<&Silhouette> = views.iter().map(|it| it.silhouette).collect();
-        self.words.hear(&seen, self.hull.contradictions());
+        self.words.hear(&seen, self.hull.contradictions(), self.hull.is_mirrored());
         match result {
             Ok(dropped) => {
                 drop(views);

@@ -3,6 +3,7 @@
 mod contradiction;
 mod displaced;
 mod losses;
+mod mirrored;
 
 pub use contradiction::Contradiction;
 pub use displaced::{Fit, fit};
@@ -93,6 +94,8 @@ pub struct Hull {
     suspects: BTreeMap<CameraId, (Contradiction, u32)>,
     /// Sets until it is looked for again.
     until_search: u32,
+    /// Whether the last set fitted much better mirrored; `None`: that was not asked.
+    is_mirrored: Option<bool>,
 }
 
 /// Why one view carves nothing.
@@ -124,12 +127,18 @@ impl Hull {
             contradictions: Vec::new(),
             suspects: BTreeMap::new(),
             until_search: 0,
+            is_mirrored: None,
         })
     }
 
     /// The views that were left out of the last set for contradicting the others.
     pub fn contradictions(&self) -> &[Contradiction] {
         &self.contradictions
+    }
+
+    /// Whether the silhouettes of the last set would fit each other much better mirrored left to right; `None`: they fit as they are, or it was not asked this time.
+    pub fn is_mirrored(&self) -> Option<bool> {
+        self.is_mirrored
     }
 
     /// Fills `voxels` (all but its time and place) with what `views` leave over; `cameras` are all that should have one, `targets` who may be there. Gives which small pieces
@@ -145,6 +154,7 @@ impl Hull {
         voxels: &mut Voxels,
     ) -> Result<Dropped, String> {
         let mut statuses: Vec<ViewStatus> = views.iter().map(|it| self.status(it)).collect();
+        self.is_mirrored = None;
         leave_out_empty(&mut statuses, views);
         let result = self.carve_with(views, &mut statuses, targets, voxels);
         let missing = cameras.iter().filter(|it| !views.iter().any(|view| view.silhouette.camera == **it));

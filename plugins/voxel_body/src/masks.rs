@@ -169,7 +169,7 @@ impl Node for Masks {
                 ("brightest", format!("{} or more", self.settings.threshold))
             };
             report.remark(format!(
-                "{name}: none of {empty} masks has a body: their {nearest} pixel is {level}, expected {expected} (`threshold`, `inverted`)"
+                "{name}: none of {empty} masks has a body: their {nearest} pixel is {level}, expected {expected} (`threshold`, `inverted`; `format = \"rgb\"` where pictures are read, if masks have colours: as gray pure red is 76, blue 29)"
             ));
         }
         if 2 * self.inside_out > seen + empty + full {

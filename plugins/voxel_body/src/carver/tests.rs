@@ -392,6 +392,32 @@ fn one_silhouette_for_two_cameras_is_told() {
 }
 
 #[test]
+fn pictures_that_are_mirrored_are_told_and_those_as_taken_are_not() {
+    let setup = setup();
+    // Beside the middle; and with a shadow that one camera alone sees, so that silhouettes as taken fit badly, too.
+    for people in [&[[0.5, 0.3], [-0.4, 0.1]][..], &[[0.6, -0.2]], &[[0.1, 0.05], [0.6, 0.5]]] {
+        let taken = set(&setup, people);
+        let turned_over = |it: &Silhouette| Silhouette {
+            confidence: it.confidence.chunks(it.width as usize).flat_map(|row| row.iter().rev().copied()).collect(),
+            ..it.clone()
+        };
+        let mirrored: Vec<Silhouette> = taken.iter().map(turned_over).collect();
+        let told = remarks(&setup, settings(), mirrored);
+        check_remark(&told, "mirrored left to right, in 1 of 1 sets");
+        assert!(!told.iter().any(|it| it.contains("contradicts")), "{told:?}");
+        let mut spoilt = taken.clone();
+        let width = spoilt[1].width as usize;
+        for row in spoilt[1].confidence.chunks_mut(width).skip(80) {
+            row[20..90].fill(255);
+        }
+        for set in [taken, spoilt] {
+            let told = remarks(&setup, settings(), set);
+            assert!(!told.iter().any(|it| it.contains("mirrored")), "{people:?}: {told:?}");
+        }
+    }
+}
+
+#[test]
 fn views_that_come_one_by_one_carve_nothing_and_are_told_why() {
     let setup = setup();
     let mut bench = NodeBench::<Carver>::with_setup(settings(), &setup).unwrap();

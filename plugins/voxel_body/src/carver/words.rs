@@ -33,6 +33,9 @@ pub(super) struct Words {
     /// Whether every camera has to see a voxel.
     needs_all: bool,
     contradictions: BTreeMap<CameraId, Vec<Contradiction>>,
+    /// Sets that were held against their mirror images, and those of them that these fit better.
+    tried_mirrored: u64,
+    mirrored: u64,
     /// Sets in which two cameras had the same silhouette, byte for byte.
     same: BTreeMap<[CameraId; 2], u64>,
     /// Sets in which the camera's picture cuts somebody off.
@@ -58,8 +61,15 @@ impl Words {
         Self { needs_all, ..Self::default() }
     }
 
-    pub(super) fn hear(&mut self, silhouettes: &[&Silhouette], contradictions: &[Contradiction]) {
+    pub(super) fn hear(
+        &mut self,
+        silhouettes: &[&Silhouette],
+        contradictions: &[Contradiction],
+        is_mirrored: Option<bool>,
+    ) {
         self.n_sets += 1;
+        self.tried_mirrored += u64::from(is_mirrored.is_some());
+        self.mirrored += u64::from(is_mirrored == Some(true));
         self.most_views = self.most_views.max(silhouettes.len());
         for it in contradictions {
             self.contradictions.entry(it.camera).or_default().push(*it);
@@ -126,6 +136,13 @@ impl Words {
             ));
         }
         self.upright(setup).into_iter().for_each(|it| report.remark(it));
+        let is_mirrored = 2 * self.mirrored > self.tried_mirrored;
+        if is_mirrored {
+            report.remark(format!(
+                "silhouettes fit each other much better mirrored left to right, in {} of {} sets that were tried: expected pictures as the cameras took them; a body's left and right are exchanged",
+                self.mirrored, self.tried_mirrored
+            ));
+        }
         let often = self.at_edge.iter().filter(|it| *it.1 as f64 >= OFTEN * self.n_sets as f64);
         let often: Vec<String> = often.map(|(camera, n)| format!("{} in {n}", name(camera))).collect();
         if !often.is_empty() {
@@ -135,15 +152,16 @@ impl Words {
                 self.n_sets
             ));
         }
-        for (camera, list) in &self.contradictions {
+        for (camera, list) in self.contradictions.iter().filter(|_| !is_mirrored) {
             report.remark(format!("{}: {}", name(camera), contradiction(list, self.n_sets)));
         }
         let is_cut_below = self.below as f64 >= OFTEN * self.n_sets as f64 && self.below > 0;
         let mut least = least.to_vec();
         least.sort_by(|a, b| a.0.total_cmp(&b.0));
         let median = least.get(least.len() / 2).map_or(0.0, |it| it.0);
-        // What a volume cuts off is no camera's fault.
-        let is_told = |it: &str| is_cut_below || self.contradictions.keys().any(|camera| name(camera) == it);
+        // What a volume cuts off is no camera's fault, nor that all are mirrored.
+        let is_told =
+            |it: &str| is_cut_below || is_mirrored || self.contradictions.keys().any(|camera| name(camera) == it);
         for (share, camera) in least.iter().filter(|it| it.0 < median - APART && !is_told(it.1)) {
             report.remark(format!(
                 "{camera}: the voxels cover {:.0} % of its silhouettes, of the median camera's {:.0} %: it shows what is no body, or its pose is a little off",

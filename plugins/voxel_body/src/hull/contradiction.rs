@@ -75,6 +75,13 @@ impl Hull {
         }
         self.contradictions.clear();
         let mut found = self.hull_of(views, statuses, self.grid)?;
+        let covered = self.covered(views, &used(statuses), found.as_ref());
+        if covered < limit {
+            std::mem::swap(&mut self.carver, &mut self.trials);
+            let is_mirrored = self.fits_mirrored(views, statuses, covered);
+            std::mem::swap(&mut self.carver, &mut self.trials);
+            self.is_mirrored = Some(is_mirrored?);
+        }
         while self.contradictions.len() < n_used / ONE_OF
             && self.covered(views, &used(statuses), found.as_ref()) < limit
         {
@@ -207,7 +214,7 @@ impl Hull {
     }
 
     /// Cells of this size while views are tried.
-    fn coarse(&self) -> VoxelGrid {
+    pub(super) fn coarse(&self) -> VoxelGrid {
         let cells = self.grid.cells.map(|it| (f64::from(it) / COARSE).ceil() as u32);
         VoxelGrid { size: COARSE * self.grid.size, cells, ..self.grid }
     }
@@ -228,7 +235,7 @@ impl Hull {
     }
 
     /// Mean part of the silhouettes that a hull covers.
-    fn covered(&mut self, views: &[View], of: &[usize], found: Option<&Found>) -> f64 {
+    pub(super) fn covered(&mut self, views: &[View], of: &[usize], found: Option<&Found>) -> f64 {
         let sum: f64 = of.iter().map(|at| self.covered_of(&views[*at], found)).sum();
         sum / of.len().max(1) as f64
     }
