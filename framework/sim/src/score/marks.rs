@@ -440,19 +440,21 @@ impl MarkObservationTrack {
         self.reported.iter().filter_map(|it| it.off(names)).filter(|it| *it <= wrong_px).collect()
     }
 
-    /// Rows of a table of the wrong ones: when, which camera, which name, how far from its own mark, which true mark is closest and how far that is.
+    /// Rows of a table of the wrong ones: when, which camera, which name, which true mark that is and how far off, which true mark is closest and how far that is.
     pub fn wrong_rows(&self, names: &Names, wrong_px: f64, camera: impl Fn(CameraId) -> String) -> Vec<String> {
         let row = |it: &ReportedMark| {
             let near = it.distances.iter().enumerate().filter(|it| it.1.is_finite()).min_by(|a, b| a.1.total_cmp(b.1));
             let (nearest, distance) = near.map_or((String::new(), f32::NAN), |it| (it.0.to_string(), *it.1));
+            let own = names.get(&it.label).map_or(String::new(), usize::to_string);
             let off = it.off(names).unwrap_or(f64::NAN);
-            format!("{:.6},{},{},{off:.3},{nearest},{distance:.3}", it.time.as_s(), camera(it.camera), it.label)
+            let (time_s, camera) = (it.time.as_s(), camera(it.camera));
+            format!("{time_s:.6},{camera},{},{own},{off:.3},{nearest},{distance:.3}", it.label)
         };
         self.wrong(names, wrong_px).1.map(row).collect()
     }
 
     /// Heading of [`Self::wrong_rows`].
-    pub const HEADING: &str = "time_s,camera,mark,off_px,nearest_true_mark,off_nearest_px";
+    pub const HEADING: &str = "time_s,camera,mark,true_mark,off_px,nearest_true_mark,off_nearest_px";
 }
 
 #[cfg(test)]
@@ -566,7 +568,7 @@ mod tests {
         let (all, wrong) = track.wrong(&names, 4.0);
         assert_eq!((all, wrong.count()), (3, 2));
         let rows = track.wrong_rows(&names, 4.0, |it| format!("ptz-{}", it.0));
-        assert_eq!(rows, ["0.000000,ptz-3,5,12.000,0,0.300", "0.000000,ptz-3,5,NaN,0,0.300"]);
+        assert_eq!(rows, ["0.000000,ptz-3,5,1,12.000,0,0.300", "0.000000,ptz-3,5,1,NaN,0,0.300"]);
         assert_eq!(track.right(&names, 4.0).len(), 1);
     }
 }

@@ -92,7 +92,8 @@ impl HeldOut {
             let filled = leftover.as_ref().map_or(mark.position, |it| mark.position + it.at(&mark.position));
             let square = (it.position - without.measured_from_shape * filled).norm_squared();
             self.all_mm.push(1e3 * square.sqrt());
-            let (own, stated) = (it.covariance.trace(), mark.covariance.trace());
+            let open = leftover.as_ref().map_or(0.0, |it| it.variance_at(&mark.position));
+            let (own, stated) = (it.covariance.trace(), mark.covariance.trace() + 3.0 * open);
             let off = square.min(MOST_SIGMAS.powi(2) * (own + stated)) - own;
             let kept = 1.0 - 1.0 / MEMORY;
             (self.off, self.stated, self.n) = (kept * self.off + off, kept * self.stated + stated, kept * self.n + 1.0);

@@ -5,9 +5,9 @@
 //!
 //! cov(rᵢ, rⱼ) = s² wᵢⱼ + n² δᵢⱼ with wᵢⱼ = exp(−dᵢⱼ² / 2ℓ²); s² by least squares over all pairs, s² = Σ wᵢⱼ rᵢ·rⱼ / 3 Σ wᵢⱼ², n² the rest of the variance.
 //!
-//! The expectation at a hidden mark h given all rⱼ is Σⱼ s² wₕⱼ aⱼ with (s² W + n² I) a = r (simple kriging: G. Matheron, "Principles of geostatistics", Economic Geology 58, 1963).
+//! The expectation at a hidden mark h given all rⱼ is Σⱼ s² wₕⱼ aⱼ with (s² W + n² I) a = r, and the variance of the common part on each axis there s² − s⁴ wₕᵀ (s² W + n² I)⁻¹ wₕ (simple kriging: G. Matheron, "Principles of geostatistics", Economic Geology 58, 1963).
 
-use nalgebra::{DMatrix, Point3, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 
 /// ℓ: half the distance over which neighbours on a face or a knee go together [m].
 const REACH_M: f64 = 0.025;
@@ -20,6 +20,10 @@ const OWN: f64 = 0.05;
 pub(super) struct Leftover {
     /// Where the model has the seen marks, with s² aⱼ.
     seen: Vec<(Point3<f64>, Vector3<f64>)>,
+    /// s² [m²].
+    variance: f64,
+    /// Of s² W + n² I.
+    matrix: Cholesky<f64, Dyn>,
 }
 
 impl Leftover {
@@ -48,14 +52,22 @@ impl Leftover {
         let matrix =
             DMatrix::from_fn(n, n, |i, j| variance * alike(&seen[i].0, &seen[j].0) + if i == j { own } else { 0.0 });
         let left = DMatrix::from_fn(n, 3, |i, axis| seen[i].1[axis]);
-        let answer = matrix.cholesky()?.solve(&left) * variance;
+        let matrix = matrix.cholesky()?;
+        let answer = matrix.solve(&left) * variance;
         let answers = (0..n).map(|i| Vector3::new(answer[(i, 0)], answer[(i, 1)], answer[(i, 2)]));
-        Some(Leftover { seen: seen.iter().map(|it| it.0).zip(answers).collect() })
+        Some(Leftover { seen: seen.iter().map(|it| it.0).zip(answers).collect(), variance, matrix })
     }
 
     /// By how much a mark that the model has at `place` is expected to be elsewhere [m].
     pub fn at(&self, place: &Point3<f64>) -> Vector3<f64> {
         self.seen.iter().map(|(seen, answer)| answer * alike(seen, place)).sum()
+    }
+
+    /// What seen marks leave open of that, on each axis [m²].
+    pub fn variance_at(&self, place: &Point3<f64>) -> f64 {
+        let common = DVector::from_iterator(self.seen.len(), self.seen.iter().map(|it| alike(&it.0, place)));
+        let known = self.variance * common.dot(&self.matrix.solve(&common));
+        self.variance * (1.0 - known).max(0.0)
     }
 }
 
@@ -95,6 +107,35 @@ mod tests {
         };
         let [without, with] = off(patch);
         assert!(with < 0.25 * without, "{without} m, {with} m");
+    }
+
+    #[test]
+    fn what_neighbours_leave_open_is_as_large_as_stated_and_grows_with_the_distance_to_them() {
+        // Swings of drawn places, directions and sizes; a corner is hidden.
+        let mut random = Random::new(8);
+        let (mut squares, mut stated) = ([0.0; 2], [0.0; 2]);
+        for _ in 0..400 {
+            let mut of = |most: f64| random.uniform_in(-most, most);
+            let swings: Vec<(Point3<f64>, Vector3<f64>)> = (0..6)
+                .map(|_| (Point3::new(0.042 + of(0.08), 0.042 + of(0.08), 0.0), Vector3::from_fn(|_, _| of(1e-3))))
+                .collect();
+            // What is alike over ℓ is made of patches of ℓ / √2.
+            let at = |p: &Point3<f64>| -> Vector3<f64> {
+                swings.iter().map(|it| it.1 * (-(p - it.0).norm_squared() / (REACH_M * REACH_M)).exp()).sum()
+            };
+            let (hidden, seen): (Vec<_>, Vec<_>) = places().into_iter().partition(|it| it.x + it.y < 0.05);
+            let seen: Vec<_> =
+                seen.iter().map(|it| (*it, at(it) + Vector3::from_fn(|_, _| 3e-5 * random.normal()))).collect();
+            let Some(left) = Leftover::of(&seen) else { continue };
+            for it in hidden {
+                let is_far = usize::from(it.x + it.y < 0.02);
+                squares[is_far] += (at(&it) - left.at(&it)).norm_squared() / 3.0;
+                stated[is_far] += left.variance_at(&it);
+            }
+        }
+        let sizes = [0, 1].map(|it| squares[it] / stated[it]);
+        assert!(sizes.iter().all(|it| (0.4..2.5).contains(it)), "{sizes:?}");
+        assert!(stated[1] / 3.0 > 2.0 * stated[0] / 7.0, "{stated:?}");
     }
 
     #[test]

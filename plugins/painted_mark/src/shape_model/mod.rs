@@ -367,9 +367,9 @@ struct Filling<'a> {
 }
 
 impl Filling<'_> {
-    /// What is known of the filled mark number `mark`, of which the model states `covariance` [m²].
-    fn covariance(&self, mark: usize, covariance: &Matrix3<f64>) -> Matrix3<f64> {
-        let as_stated = covariance * self.held_out.map_or(1.0, HeldOut::factor);
+    /// What is known of the filled mark number `mark`, of which the model states `covariance` and its neighbours leave `open` on each axis [m²].
+    fn covariance(&self, mark: usize, covariance: &Matrix3<f64>, open: f64) -> Matrix3<f64> {
+        let as_stated = (covariance + Matrix3::identity() * open) * self.held_out.map_or(1.0, HeldOut::factor);
         as_stated + Matrix3::identity() * self.unseen.map_or(0.0, |it| it.variance(mark))
     }
 }
@@ -394,10 +394,13 @@ fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, fi
     let leftover = model.and_then(|it| Leftover::of(&left_of(&list, fitted, it)));
     for (number, (label, mark)) in model.iter().flat_map(|it| it.model().labels.iter().zip(&fitted.marks)).enumerate() {
         if list[..n_kept].binary_search_by_key(label, |it| it.label).is_err() {
+            let (moved, open) = leftover
+                .as_ref()
+                .map_or((Vector3::zeros(), 0.0), |it| (it.at(&mark.position), it.variance_at(&mark.position)));
             let filled = Mark {
                 label: *label,
-                position: mark.position + leftover.as_ref().map_or(Vector3::zeros(), |it| it.at(&mark.position)),
-                covariance: filling.covariance(number, &mark.covariance),
+                position: mark.position + moved,
+                covariance: filling.covariance(number, &mark.covariance, open),
                 cameras: CameraSet::default(),
                 provenance: Provenance::Filled,
             };

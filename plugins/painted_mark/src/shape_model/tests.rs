@@ -199,7 +199,7 @@ fn filled_marks_are_stated_as_well_as_held_out_ones_were() {
             let (marks, targets) = shape.step(&face.marks(time_s, |it| !far_side[it])).unwrap();
             let targets = targets.unwrap();
             let filled = marks.list.iter().zip(&targets.list).zip(face.truth(time_s));
-            for ((_, target), truth) in filled.filter(|it| frame >= 40 && it.0.0.provenance == Provenance::Filled) {
+            for ((_, target), truth) in filled.filter(|it| it.0.0.provenance == Provenance::Filled) {
                 let off = target.position - truth;
                 let known = target.covariance.fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
                 squares += off.dot(&(known * off)) / 3.0;
