@@ -5,9 +5,11 @@ mod motion;
 
 use std::path::PathBuf;
 
+use clap::ValueEnum;
 use clap::builder::PossibleValuesParser;
 use foveate_motion::forms::Form;
 use foveate_scene::Format;
+use nalgebra::Vector3;
 
 use super::complain;
 use super::motion_files::{UpArg, kind_of, nearly_table, seconds_of_gap};
@@ -28,6 +30,9 @@ pub struct ConvertArgs {
     /// How long a unit of IN is, for forms that do not say; 0.001 for millimetres [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit: Option<f64>,
+    /// Which axis is up in IN: y or z in motion files [default: as a C3D file says, y in TRC and BVH, else z]; in calibrations any, and OUT is turned so that z is [default: z]
+    #[arg(long, value_name = "AXIS", value_enum, allow_hyphen_values = true)]
+    from_up: Option<FromUp>,
     /// Write nothing if anything would be lost
     #[arg(long)]
     strict: bool,
@@ -38,6 +43,45 @@ pub struct ConvertArgs {
     calibration: CalibrationOptions,
     #[command(flatten)]
     motion: MotionOptions,
+}
+
+/// An axis of IN, either way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum FromUp {
+    /// x
+    X,
+    /// −x
+    #[value(name = "-x")]
+    MinusX,
+    /// y
+    Y,
+    /// −y, as where cameras' own axes became the world's
+    #[value(name = "-y")]
+    MinusY,
+    /// z
+    Z,
+    /// −z
+    #[value(name = "-z")]
+    MinusZ,
+}
+
+impl FromUp {
+    /// As on the command line.
+    fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |it| it.get_name().to_owned())
+    }
+
+    /// Of length 1.
+    fn direction(self) -> Vector3<f64> {
+        match self {
+            FromUp::X => Vector3::x(),
+            FromUp::MinusX => -Vector3::x(),
+            FromUp::Y => Vector3::y(),
+            FromUp::MinusY => -Vector3::y(),
+            FromUp::Z => Vector3::z(),
+            FromUp::MinusZ => -Vector3::z(),
+        }
+    }
 }
 
 /// Calibrations alone have these.
@@ -74,9 +118,6 @@ struct MotionOptions {
     /// Turn the points so that this axis is up [default: as in IN; z in our own forms, y in TRC, BVH and glTF]
     #[arg(long, value_enum)]
     up: Option<UpArg>,
-    /// Which axis is up in IN [default: as a C3D file says, y in TRC and BVH, else z]
-    #[arg(long, value_enum)]
-    from_up: Option<UpArg>,
     /// Unit of lengths in C3D, TRC and BVH [default: that of IN, else mm; cm in BVH]
     #[arg(long, value_name = "UNIT", value_parser = PossibleValuesParser::new(["mm", "cm", "m"]))]
     unit: Option<String>,
@@ -108,7 +149,6 @@ impl MotionOptions {
             (self.smooth.is_some(), "--smooth"),
             (self.rate.is_some(), "--rate"),
             (self.up.is_some(), "--up"),
-            (self.from_up.is_some(), "--from-up"),
             (self.unit.is_some(), "--unit"),
             (self.joints.is_some(), "--joints"),
             (self.any_proportions, "--any-proportions"),

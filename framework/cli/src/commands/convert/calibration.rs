@@ -5,7 +5,7 @@ use std::path::Path;
 
 use foveate_scene::{Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit};
 
-use super::ConvertArgs;
+use super::{ConvertArgs, FromUp};
 use crate::commands::complain;
 use crate::exit;
 use crate::output::{say, tell};
@@ -18,10 +18,14 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
         dlt_origin: if args.calibration.dlt_top_left { DltOrigin::TopLeft } else { DltOrigin::BottomLeft },
         lenses_at_origin: args.calibration.lenses,
     };
-    let calibration = match Calibration::load_with(&args.input, &options) {
+    let mut calibration = match Calibration::load_with(&args.input, &options) {
         Ok(calibration) => calibration,
         Err(error) => return complain(&error.to_string()),
     };
+    if let Some(up) = args.from_up.filter(|it| *it != FromUp::Z) {
+        calibration = calibration.with_up(&up.direction());
+        calibration.origin += &format!("; turned: {} was up", up.name());
+    }
     for (told, flag) in [(options.image_size, "--image-size"), (options.projector_size, "--projector-size")]
         .into_iter()
         .filter_map(|(size, flag)| Some((size?, flag)))

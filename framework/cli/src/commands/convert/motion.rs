@@ -10,7 +10,7 @@ use foveate_motion::forms::{self, Form, ReadOptions, WriteOptions, start_lost, u
 use foveate_motion::motion::Up;
 use foveate_motion::smooth::smooth;
 
-use super::ConvertArgs;
+use super::{ConvertArgs, FromUp};
 use crate::commands::complain;
 use crate::commands::motion_files::{describe, load, write_whole};
 use crate::exit;
@@ -46,7 +46,13 @@ pub(super) fn run(args: &ConvertArgs, form: Form) -> u8 {
 
 fn convert(args: &ConvertArgs, form: Form) -> Result<String, String> {
     let target = target(args)?;
-    let options = ReadOptions { metres_per_unit: args.metres_per_unit, up: args.motion.from_up.map(Into::into) };
+    let up = match args.from_up {
+        None => None,
+        Some(FromUp::Y) => Some(Up::Y),
+        Some(FromUp::Z) => Some(Up::Z),
+        Some(_) => return Err("motion files have y or z up, expected `--from-up y` or `--from-up z`".to_owned()),
+    };
+    let options = ReadOptions { metres_per_unit: args.metres_per_unit, up };
     let read = load(&args.input, form, &options)?;
     let mut said = format!("{}\n", describe(&args.input, read.form.to_string().as_str(), &read.motion));
     let mut motion = read.motion;
