@@ -5,6 +5,8 @@
 //! that is missing is a gap at its own time. A picture that cannot be used (truncated, corrupt, empty, of another size
 //! than the calibration or the first good picture says) is a gap too, and the run goes on.
 
+use std::path::Path;
+
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::decode::Decoder;
 use crate::listing::Listing;
 pub use crate::listing::Numbering;
-use crate::settings::{Field, Format, Reasons, camera_of, frame_time};
+use crate::settings::{Field, Format, Reasons, camera_of, frame_time, paths_of_cameras, where_others_have};
 
 ports! {
     IMAGE: Out<Image> = "image";
@@ -56,9 +58,7 @@ fn smallest_number(settings: &ImagesSettings, setup: &Setup) -> Option<u64> {
     if settings.numbering == Numbering::Order || !settings.path.contains("{camera}") {
         return None;
     }
-    let cameras = (0..setup.calibration.cameras.len()).map(|index| CameraId(index as u16));
-    let folders =
-        cameras.filter_map(|camera| Setup { camera: Some(camera), ..setup.clone() }.path("path", &settings.path).ok());
+    let folders = paths_of_cameras(setup, &settings.path);
     // A folder that cannot be listed is its own camera's fault, and said there.
     folders.filter_map(|folder| Some(Listing::of(&folder, settings.numbering, None).ok()?.first)).min()
 }
@@ -165,8 +165,10 @@ impl Node for Images {
         let camera = camera_of(setup, Self::TYPE)?;
         let path = setup.path("path", &settings.path)?;
         let first_number = settings.first_number.or_else(|| smallest_number(&settings, setup));
-        let listing =
-            Listing::of(&path, settings.numbering, first_number).map_err(|fault| ConfigError::at("path", fault))?;
+        let listing = Listing::of(&path, settings.numbering, first_number).map_err(|fault| {
+            let has = |path: &Path| Listing::of(path, settings.numbering, None).is_ok();
+            ConfigError::at("path", fault + &where_others_have(setup, &settings.path, has))
+        })?;
         let sequence = Sequence {
             camera,
             format: settings.format,
@@ -234,6 +236,7 @@ fn pictures(count: u64) -> String {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::Arc;
 
     use super::*;
     use crate::decode::tests::jpeg;
@@ -298,6 +301,25 @@ mod tests {
             report.remarks
         );
         assert!(report.remarks[1].contains("1 of 7 frames, numbers: 9"), "{:?}", report.remarks);
+    }
+
+    #[test]
+    fn a_camera_without_pictures_beside_others_is_told_how_to_be_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let calibration = Arc::new(foveate_testkit::scene::ring_calibration(3));
+        let path = format!("{}/{{camera}}/*.jpg", folder.path().display());
+        let refused = || {
+            let setup = Setup { calibration: calibration.clone(), camera: Some(CameraId(1)), ..Setup::for_tests() };
+            Images::new(settings(&path), &setup).err().unwrap().message
+        };
+        assert!(!refused().contains("each"), "{}", refused());
+        for camera in [0, 2] {
+            let own = folder.path().join(&calibration.cameras[camera].name);
+            fs::create_dir(&own).unwrap();
+            fs::write(own.join("1.jpg"), jpeg(16, 16)).unwrap();
+        }
+        let expected = format!("2 of 3 cameras have theirs: `each = [\"*\", \"!{}\"]`", calibration.cameras[1].name);
+        assert!(refused().contains(&expected), "{}", refused());
     }
 
     #[test]

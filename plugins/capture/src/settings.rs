@@ -1,5 +1,7 @@
 //! Settings and steps that several sources share: pixel format, frame times, the reason list of a report.
 
+use std::path::{Path, PathBuf};
+
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -78,6 +80,24 @@ pub(crate) fn camera_of(setup: &Setup, node: &str) -> Result<CameraId, ConfigErr
             "`{node}` serves one camera: say which with `camera = \"name\"` or `each = \"pattern\"`"
         ))
     })
+}
+
+/// A `path` that names the camera, as it is of each camera of the calibration.
+pub(crate) fn paths_of_cameras(setup: &Setup, path: &str) -> impl Iterator<Item = PathBuf> {
+    let cameras = (0..setup.calibration.cameras.len()).map(|index| CameraId(index as u16));
+    cameras.filter_map(move |camera| Setup { camera: Some(camera), ..setup.clone() }.path("path", path).ok())
+}
+
+/// What to add where the files of one camera are not there, at a `path` that names the camera, and those of others are.
+pub(crate) fn where_others_have(setup: &Setup, path: &str, has: impl Fn(&Path) -> bool) -> String {
+    let Some(own) = setup.camera_name().filter(|_| path.contains("{camera}")) else { return String::new() };
+    let n = setup.calibration.cameras.len();
+    match paths_of_cameras(setup, path).filter(|it| has(it)).count() {
+        0 => String::new(),
+        others => format!(
+            "; {others} of {n} cameras have theirs: `each = [\"*\", \"!{own}\"]` leaves this one out, here and at the nodes that follow"
+        ),
+    }
 }
 
 /// Counts what went wrong and keeps the first few reasons, for a remark at the end of a run.

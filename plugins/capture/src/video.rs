@@ -5,7 +5,7 @@
 //! child is started when the node is first asked for a frame, and is gone when the node is dropped.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foveate::node::pool::Fresh;
 use foveate::prelude::*;
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::decode::SIDE_LIMIT;
 use crate::ffmpeg::{Decoder, Dialect, Ending, Header, Programs};
 use crate::ffmpeg_words::Announced;
-use crate::settings::{Field, Format, Reasons, camera_of, frame_time};
+use crate::settings::{Field, Format, Reasons, camera_of, frame_time, where_others_have};
 
 ports! {
     IMAGE: Out<Image> = "image";
@@ -299,7 +299,9 @@ impl Node for Video {
         let camera = camera_of(setup, Self::TYPE)?;
         let path = setup.path("path", &settings.path)?;
         let refused = |fault: String| ConfigError::at("path", format_args!("`{}` {fault}", path.display()));
-        let file = std::fs::metadata(&path).map_err(|error| refused(format!("cannot be read: {error}")))?;
+        let file = std::fs::metadata(&path).map_err(|error| {
+            refused(format!("cannot be read: {error}{}", where_others_have(setup, &settings.path, Path::is_file)))
+        })?;
         if !file.is_file() {
             return Err(refused(
                 "is no file, expected a video; for a folder of pictures there is `capture.images`".to_owned(),
@@ -369,8 +371,6 @@ impl Node for Video {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::ffmpeg::tests::make;
     use crate::settings::tests::setup_with_camera;
