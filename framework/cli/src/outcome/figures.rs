@@ -103,9 +103,17 @@ fn is_for_the_file(graph: &Graph, name: &str) -> bool {
     name.contains('[') || is_kept_by_a_node(graph, name) || graph.calibration.index_of(last).is_some()
 }
 
-/// Whether a figure is what a node measured that gives out nothing: its result, and no bookkeeping.
+/// Whether a figure is what a node that judges says of others: no bookkeeping, though it may begin with the name of the node that is judged.
+fn is_verdict(node_type: &str, name: &str) -> bool {
+    judges(node_type) && !keeps(node_type, name)
+}
+
+/// Whether a figure is a verdict, or what a node measured that gives out nothing: its result, and no bookkeeping.
 fn is_result(graph: &Graph, node: &Instance, name: &str) -> bool {
     let is_of_all = !name.contains('[') && !of_camera(graph, name);
+    if is_of_all && is_verdict(node.node_type.name, name) {
+        return true;
+    }
     node.node_type.ports.outputs.is_empty() && is_kept_by(node, name) && is_of_all && is_measured(name)
 }
 
@@ -125,7 +133,12 @@ fn is_kept_by_a_node(graph: &Graph, name: &str) -> bool {
 }
 
 fn is_kept_by(node: &Instance, name: &str) -> bool {
-    let short = node.node_type.name.rsplit('.').next().unwrap_or(node.node_type.name);
+    keeps(node.node_type.name, name)
+}
+
+/// Whether the name of a figure begins with the name of a node's type.
+fn keeps(node_type: &str, name: &str) -> bool {
+    let short = node_type.rsplit('.').next().unwrap_or(node_type);
     name.strip_prefix(short).is_some_and(|rest| rest.starts_with('.'))
 }
 
@@ -158,10 +171,14 @@ fn split(name: &str) -> (&str, &str) {
     name.rsplit_once('.').filter(|it| STATISTICS.contains(&it.1)).unwrap_or((name, ""))
 }
 
+/// Whether nodes of a type hold what others recovered against the truth, or against what was measured otherwise.
+fn judges(node_type: &str) -> bool {
+    ["score", "error", "reprojection", "watch"].iter().any(|it| node_type.contains(it))
+}
+
 fn rank(node_type: &str, name: &str) -> Rank {
-    let judges = ["score", "error", "reprojection", "watch"].iter().any(|it| node_type.contains(it));
     let last = name.rsplit('.').next().unwrap_or(name);
-    if !judges || HOW_MUCH.contains(&last) {
+    if !judges(node_type) || HOW_MUCH.contains(&last) {
         Rank::Other
     } else if UNITS.iter().any(|it| last.ends_with(it)) && !last.starts_with("time_") {
         Rank::Error
@@ -238,6 +255,13 @@ mod tests {
         ] {
             assert_eq!(is_measured(name), expected, "{name}");
         }
+    }
+
+    #[test]
+    fn what_a_judge_says_of_a_surface_is_a_verdict_and_what_the_surface_says_of_itself_is_not() {
+        assert!(is_verdict("sim.surface_score", "surface.wrong_per_10000"));
+        assert!(!is_verdict("structured_light.surface", "surface.sigma_mm"));
+        assert!(!is_verdict("sim.score", "score.messages"));
     }
 
     #[test]

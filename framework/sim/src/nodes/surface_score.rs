@@ -129,8 +129,26 @@ impl Node for SurfaceScore {
         report.figure("surface.complete", found.n_complete as f64 / found.n_seen as f64);
         let n_vertices = (found.errors.len() + found.n_wrong) as f64;
         report.figure("surface.wrong_per_10000", 1e4 * found.n_wrong as f64 / n_vertices);
+        let stated_mm: Vec<f64> = mesh.vertices().map(|it| 1e3 * f64::from(it.sigma)).collect();
+        if let Some(remark) = about_sigma(of(&normalised, 50.0), of(&stated_mm, 50.0)) {
+            report.remark(remark);
+        }
         Ok(())
     }
+}
+
+/// A sigma that is right within this factor is not remarked upon [–].
+const HONEST: f64 = 2.0;
+
+/// Says so where vertices are off by clearly more or less than they state.
+fn about_sigma(normalised: f64, stated_mm: f64) -> Option<String> {
+    let is_honest = (1.0 / HONEST..=HONEST).contains(&normalised);
+    (normalised.is_finite() && !is_honest).then(|| {
+        format!(
+            "The joined surface is off by {normalised:.2} times the sigma that its vertices state (median {stated_mm:.2e} mm), expected {:.1} to {HONEST:.1} times: do not weigh vertices by it.",
+            1.0 / HONEST
+        )
+    })
 }
 
 #[cfg(test)]
@@ -143,6 +161,15 @@ mod tests {
     fn node_keeps_the_law() {
         check_node::<SurfaceScore>("");
         check_node::<SurfaceScore>("wrong_mm = 2\nnear_mm = 1.5");
+    }
+
+    #[test]
+    fn a_sigma_that_is_wrong_by_more_than_a_factor_of_two_is_remarked_upon() {
+        assert_eq!(about_sigma(1.4, 0.05), None);
+        assert_eq!(about_sigma(0.6, 0.05), None);
+        assert_eq!(about_sigma(f64::NAN, 0.05), None);
+        assert!(about_sigma(41.5, 0.002).unwrap().contains("off by 41.50 times"));
+        assert!(about_sigma(0.3, 0.5).unwrap().contains("off by 0.30 times"));
     }
 
     #[test]
