@@ -5,6 +5,9 @@
 //!
 //! Each point enters the voxels along its normal, up to `truncation` voxels to either side, with the distance from its plane: positive outside. In the two other directions its weight
 //! falls linearly to 0 at one voxel. The weight is 1/σ² along the normal, so that a voxel holds the mean of least variance.
+//!
+//! A voxel also keeps how far its points lie from their mean. Points that contradict each other by more than their noise say that something else is wrong, such as the pose of a cloud or a shape
+//! that changed, and that does not become less with more points. Of a surface that `changes` newer points are right: where they contradict older ones these give way.
 
 use nalgebra::{Point3, Vector3};
 
@@ -22,8 +25,10 @@ pub struct FieldOptions {
     pub voxel_m: f64,
     /// How far from the surface distances are kept [voxels].
     pub truncation: f64,
-    /// Blocks of 8 × 8 × 8 voxels at most: each takes 14 kB.
+    /// Blocks of 8 × 8 × 8 voxels at most: each takes 16 kB.
     pub max_blocks: usize,
+    /// Whether the surface may change its shape: points that came before the field was last made to fade give way to later ones that contradict them.
+    pub changes: bool,
 }
 
 /// One voxel.
@@ -33,11 +38,25 @@ pub(super) struct Voxel {
     pub distance: f32,
     /// Σ of kernel / σ² [1/m²].
     pub weight: f32,
+    /// Σ of kernel / σ², times the squared distance from the mean [voxels²/m²].
+    pub scatter: f32,
+    /// 1 where a point came near since the field was last made to fade, and what is left of that since [–].
+    pub fresh: f32,
     /// Σ of kernel: how many points.
     pub n_points: f32,
     /// Mean [gray level].
     pub colour: [f32; 3],
 }
+
+/// A point contradicts older ones when it is off their mean by more than so much [voxels], and so much more for each voxel between it and the surface, where normals decide [–]. Of 0.1 to 0.3 voxels
+/// all left no vertex of a face that moves wrong by more than 5 mm; less lets noise of boundaries count as motion.
+const CONTRADICTS: [f32; 2] = [0.15, 0.3];
+/// … and by more than so many of its own standard deviations [–].
+const CONTRADICTS_SIGMAS: f64 = 3.0;
+/// What older points count when they gave way [–].
+const GIVES_WAY: f32 = 0.1;
+/// A point speaks for a voxel in which its kernel is at least this [–].
+const SPEAKS: f64 = 0.25;
 
 /// What became of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +103,8 @@ impl DistanceField {
         }
         let voxel_m = self.options.voxel_m;
         let place = point.position.coords / voxel_m;
+        let contradicts = (CONTRADICTS_SIGMAS * variance.sqrt() / voxel_m) as f32;
+        let contradicts = self.options.changes.then_some(contradicts);
         let axis = normal.iamax();
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
         let reach = self.options.truncation * normal[axis].abs();
@@ -107,7 +128,12 @@ impl DistanceField {
                 }
                 let distance = (voxel - place).dot(&normal);
                 match self.voxel_mut([0, 1, 2].map(|it| voxel[it] as i32), &mut cursor) {
-                    Ok(there) => there.add(distance, kernel, variance, colour),
+                    Ok(there) => {
+                        if kernel >= SPEAKS {
+                            there.freshen(distance as f32, contradicts);
+                        }
+                        there.add(distance, kernel, variance, colour);
+                    }
                     Err(why) => result = why,
                 }
             }
@@ -120,8 +146,8 @@ impl DistanceField {
     pub fn fade(&mut self, share: f64) {
         let share = share as f32;
         for voxel in self.blocks.iter_mut().flat_map(|it| it.iter_mut()) {
-            voxel.weight *= share;
-            voxel.n_points *= share;
+            voxel.fade(share);
+            voxel.fresh *= share;
         }
     }
 
@@ -187,13 +213,36 @@ fn within(voxel: [i32; 3]) -> usize {
 }
 
 impl Voxel {
+    /// Makes all points so far count `share` of what they did.
+    fn fade(&mut self, share: f32) {
+        self.weight *= share;
+        self.scatter *= share;
+        self.n_points *= share;
+    }
+
+    /// Notes a point that speaks for this voxel; older ones give way where it is off them by more than `contradicts` [voxels].
+    #[inline]
+    fn freshen(&mut self, distance: f32, contradicts: Option<f32>) {
+        let [least, slope] = CONTRADICTS;
+        let is_older = self.weight > 0.0 && self.fresh < 1.0;
+        if let Some(by_noise) = contradicts.filter(|_| is_older) {
+            let limit = (least + slope * distance.abs().min(self.distance.abs())).max(by_noise);
+            if (distance - self.distance).abs() > limit {
+                self.fade(GIVES_WAY);
+            }
+        }
+        self.fresh = 1.0;
+    }
+
     #[inline]
     fn add(&mut self, distance: f64, kernel: f64, variance: f64, colour: [u8; 3]) {
         let weight = (kernel / variance) as f32;
         self.weight += weight;
         self.n_points += kernel as f32;
         let share = weight / self.weight;
-        self.distance += (distance as f32 - self.distance) * share;
+        let off = distance as f32 - self.distance;
+        self.distance += off * share;
+        self.scatter += weight * off * off * (1.0 - share);
         for (mean, it) in self.colour.iter_mut().zip(colour) {
             *mean += (f32::from(it) - *mean) * share;
         }

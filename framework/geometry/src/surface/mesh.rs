@@ -2,7 +2,7 @@
 //!
 //! Source: S. F. F. Gibson, "Constrained elastic surface nets", MICCAI 1998: one vertex in each cell of eight voxels that the surface passes, at the mean of where it crosses the cell's edges, and two
 //! triangles around each edge that it crosses. Beside marching cubes that is half as many vertices, no slivers, and no table of cases; each vertex is then moved onto the surface along the
-//! field's gradient, so that nothing is smoothed. Cells with a voxel that is not known have no vertex: the surface ends where it was not seen.
+//! field's gradient, so that nothing is smoothed. Cells with a voxel that is not known have no vertex: the surface ends where it was not seen, and where points contradict each other.
 
 use nalgebra::{Point3, Vector3};
 
@@ -28,7 +28,8 @@ pub struct SurfaceVertex {
     pub colour: [u8; 3],
     /// As many points as its mean is worth [–].
     pub n_points: f64,
-    /// Standard deviation along the normal, as far as errors of points have nothing in common [m].
+    /// Standard deviation along the normal: what noise of points leaves of their mean, and by how much they contradict each other beyond their noise, whatever their number; not what they all have
+    /// in common [m].
     pub sigma: f64,
 }
 
@@ -45,6 +46,11 @@ const NONE: u32 = u32::MAX;
 /// Variance of a vertex over that of one point, for a point per voxel: for each of the two axes across the normal ½, which is the mean over t from 0 to 1 of
 /// ∫ ((1 − t) h(x) + t h(x − 1))² dx, with h the kernel 1 − |x| of the field and t the place between two voxels.
 const SPREAD: f64 = 0.25;
+
+/// Where points contradict each other by more than this, beyond their noise, the surface ends [voxels].
+const CONTRADICTED: f64 = 0.4;
+/// A surface that changes ends where no point came while what there was faded to this part [–].
+const LEAST_FRESH: f32 = 0.3;
 
 /// The voxels of a cell, x first.
 const CORNERS: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
@@ -113,6 +119,9 @@ impl DistanceField {
         for (corner, step) in corners.iter_mut().zip(CORNERS).skip(1) {
             *corner = *self.voxel([0, 1, 2].map(|it| cell[it] + step[it]), min_points)?;
         }
+        if self.options().changes && corners.iter().any(|it| it.fresh < LEAST_FRESH) {
+            return None;
+        }
         let (mut sum, mut n) = (Vector3::zeros(), 0.0);
         for [a, b] in EDGES {
             let (from, to) = (corners[a].distance, corners[b].distance);
@@ -138,15 +147,28 @@ impl DistanceField {
         let mean = |of: &dyn Fn(&Voxel) -> f32| -> f64 {
             corners.iter().zip(weights).map(|(it, weight)| f64::from(of(it)) * weight).sum()
         };
+        let voxel_m = self.options().voxel_m;
+        let of_noise = mean(&|it| it.n_points / it.weight) / (voxel_m * voxel_m);
+        let contradiction = contradiction(mean(&|it| it.scatter / it.weight), of_noise, mean(&|it| it.n_points));
+        if contradiction > CONTRADICTED {
+            return None;
+        }
+        let noise = SPREAD / mean(&|it| it.weight);
         let origin = Vector3::from(cell.map(f64::from));
         Some(SurfaceVertex {
-            position: Point3::from((origin + within) * self.options().voxel_m),
+            position: Point3::from((origin + within) * voxel_m),
             normal: gradient.normalize(),
             colour: [0, 1, 2].map(|channel| mean(&|it| it.colour[channel]).round().clamp(0.0, 255.0) as u8),
             n_points: mean(&|it| it.n_points) / SPREAD,
-            sigma: (SPREAD / mean(&|it| it.weight)).sqrt(),
+            sigma: (noise + (contradiction * voxel_m).powi(2)).sqrt(),
         })
     }
+}
+
+/// By how much points are farther from their mean than their own noise explains, standard deviation: of the `variance` about the mean, less that of noise and twice the chance of it over so many
+/// points, the variance of a variance being 2/n of its square.
+fn contradiction(variance: f64, of_noise: f64, n_points: f64) -> f64 {
+    (variance - of_noise * (1.0 + 2.0 * (2.0 / n_points).sqrt())).max(0.0).sqrt()
 }
 
 /// Weights of the corners of a cell at a place in it.

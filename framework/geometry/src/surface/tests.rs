@@ -260,7 +260,8 @@ fn normals_are_found_but_for_points_along_a_line() {
 
 /// The surface fused from clouds, and its vertices' errors over the surface's own normals.
 fn fused(n: u64, spacing: f64, sigma: f64) -> (DistanceField, TriangleMesh) {
-    let mut field = DistanceField::new(FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 10_000 });
+    let mut field =
+        DistanceField::new(FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 10_000, changes: false });
     for seed in 0..n {
         for point in Shape::Face.scan([-HALF, HALF], spacing, sigma, &mut Random::new(seed)) {
             assert_eq!(field.fuse(&point, [90, 100, 200]), Fused::Yes);
@@ -319,7 +320,8 @@ fn more_clouds_make_a_truer_surface_and_full_fields_say_so() {
     };
     let (one, eight) = (rms(&fused(1, 0.001, 3e-4).1), rms(&fused(8, 0.001, 3e-4).1));
     assert!(eight < 0.55 * one, "{one} {eight}");
-    let mut field = DistanceField::new(FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 20 });
+    let mut field =
+        DistanceField::new(FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 20, changes: false });
     let points = Shape::Face.scan([-HALF, HALF], 0.002, SIGMA, &mut Random::new(1));
     let full = points.iter().filter(|it| field.fuse(it, [0; 3]) == Fused::Full).count();
     assert!(full > points.len() / 2 && field.n_blocks() == 20);
@@ -327,4 +329,73 @@ fn more_clouds_make_a_truer_surface_and_full_fields_say_so() {
     assert_eq!(field.fuse(&bare, [0; 3]), Fused::Unfit);
     let far = SurfacePoint { position: Point3::new(1e9, 0.0, f64::NAN), ..points[0] };
     assert_eq!(field.fuse(&far, [0; 3]), Fused::Unfit);
+}
+
+/// Adds a scan of the face that stands off along z by so much where `of` says so.
+fn fuse_off(field: &mut DistanceField, off_m: f64, seed: u64, of: impl Fn(f64) -> bool) {
+    for mut point in Shape::Face.scan([-HALF, HALF], 0.0007, 2e-5, &mut Random::new(seed)) {
+        if of(point.position.x) {
+            point.position.z += off_m;
+            assert_eq!(field.fuse(&point, [0; 3]), Fused::Yes);
+        }
+    }
+}
+
+/// Of vertices away from the ends of a half: how far they are above the face in the mean [m], the median of their sigmas [m], and their number.
+fn of_half(mesh: &TriangleMesh, is_right: bool) -> (f64, f64, usize) {
+    let within = |it: &&SurfaceVertex| {
+        let place = it.position;
+        (place.x > 0.0) == is_right && place.x.abs() > 0.004 && place.coords.xy().amax() < HALF - 0.004
+    };
+    let half: Vec<&SurfaceVertex> = mesh.vertices.iter().filter(within).collect();
+    let above = |it: &&SurfaceVertex| it.position.z - Shape::Face.height(it.position.x, it.position.y);
+    let mut sigmas: Vec<f64> = half.iter().map(|it| it.sigma).collect();
+    sigmas.sort_by(f64::total_cmp);
+    let mean = half.iter().map(above).sum::<f64>() / half.len() as f64;
+    (mean, sigmas.get(half.len() / 2).copied().unwrap_or(f64::NAN), half.len())
+}
+
+#[test]
+fn clouds_that_contradict_each_other_make_no_small_sigma_and_by_more_no_surface() {
+    let mesh = |off_m: f64| {
+        let options = FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 10_000, changes: false };
+        let mut field = DistanceField::new(options);
+        for seed in 0..12 {
+            let side = if seed % 2 == 0 { off_m } else { -off_m };
+            fuse_off(&mut field, 0.0, seed, |x| x <= 0.0);
+            fuse_off(&mut field, side, seed, |x| x > 0.0);
+        }
+        field.mesh(&MeshOptions { min_points: 0.5, min_triangles: 50 })
+    };
+    let contradicted = mesh(1.5e-4);
+    let [(_, sigma_left, _), (_, sigma_right, _)] = [false, true].map(|it| of_half(&contradicted, it));
+    // Normals that are off by 5° contradict each other too, by some hundredths of a voxel.
+    assert!(sigma_left < 6e-5, "{sigma_left}");
+    assert!((1.2e-4..1.7e-4).contains(&sigma_right), "{sigma_right}");
+    let torn = mesh(7e-4);
+    let [(_, _, n_left), (_, _, n_right)] = [false, true].map(|it| of_half(&torn, it));
+    assert!(n_left > 8000 && n_right < n_left / 50, "{n_left} {n_right}");
+}
+
+#[test]
+fn of_what_changes_older_clouds_give_way_and_what_is_seen_no_more_ends() {
+    let mesh = |changes: bool| {
+        let options = FieldOptions { voxel_m: 0.001, truncation: 4.0, max_blocks: 10_000, changes };
+        let mut field = DistanceField::new(options);
+        for seed in 0..10 {
+            fuse_off(&mut field, 0.0, seed, |_| true);
+            field.fade(0.8);
+        }
+        // The right half is there no more.
+        for seed in 10..16 {
+            fuse_off(&mut field, 6e-4, seed, |x| x <= 0.0);
+            field.fade(0.8);
+        }
+        field.mesh(&MeshOptions { min_points: 0.5, min_triangles: 50 })
+    };
+    let (now, mean) = (mesh(true), mesh(false));
+    let [(above, _, n_left), (_, _, n_right)] = [false, true].map(|it| of_half(&now, it));
+    assert!((above - 6e-4).abs() < 3e-5 && n_left > 8000 && n_right == 0, "{above} {n_left} {n_right}");
+    let [(above, sigma, _), (_, _, n_right)] = [false, true].map(|it| of_half(&mean, it));
+    assert!(above < 5.5e-4 && sigma > 1e-4 && n_right > 8000, "{above} {sigma} {n_right}");
 }

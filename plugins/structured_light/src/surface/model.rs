@@ -84,7 +84,7 @@ const CELL: f64 = 2.0;
 /// Levels of them: the coarsest is 64 voxels wide.
 const N_LEVELS: usize = 6;
 /// Bytes of a block of the field, and of a patch on all its levels, with their places in tables.
-const BLOCK_BYTES: usize = 512 * 24 + 64;
+const BLOCK_BYTES: usize = 512 * 32 + 64;
 const PATCH_BYTES: usize = 160;
 /// Patches to each block that there is room for: a surface passes some 16 cells of 2 × 2 × 2 voxels in a block.
 const PATCHES_PER_BLOCK: usize = 16;
@@ -175,7 +175,8 @@ impl Model {
         };
         let surface_from_cloud = registration.as_ref().map_or_else(Isometry3::identity, |it| it.surface_from_cloud);
         let max_blocks = (self.options.max_bytes / (BLOCK_BYTES + PATCHES_PER_BLOCK * PATCH_BYTES)).max(1);
-        let field = FieldOptions { voxel_m, truncation: self.options.truncation, max_blocks };
+        let changes = self.options.keep_s > 0.0;
+        let field = FieldOptions { voxel_m, truncation: self.options.truncation, max_blocks, changes };
         let grown = self.grown.get_or_insert_with(|| Grown {
             voxel_m,
             field: DistanceField::new(field),
