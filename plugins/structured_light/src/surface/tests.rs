@@ -159,10 +159,11 @@ fn what_changes_its_shape_is_as_it_is_now_where_clouds_count_for_a_while_only() 
         let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
         let top = mesh.vertices.iter().filter(|it| (it.position.x + 0.025).hypot(it.position.y - 0.02) < 0.002);
         let heights: Vec<f64> = top.map(|it| 1e3 * (it.position.z - height(it.position.x, it.position.y))).collect();
-        heights.iter().sum::<f64>() / heights.len() as f64
+        (heights.iter().sum::<f64>() / heights.len() as f64, heights.len())
     };
-    let (mean, now) = (bump_mm(0.0), bump_mm(0.2));
-    assert!((0.6..1.4).contains(&mean) && (1.7..2.1).contains(&now), "{mean} {now}");
+    // Where each counts for good, clouds with the bump and without contradict each other, and its top is left out.
+    let ((_, n_mean), (now, _)) = (bump_mm(0.0), bump_mm(0.2));
+    assert!(n_mean == 0 && (1.7..2.1).contains(&now), "{n_mean} {now}");
 }
 
 #[test]
