@@ -17,7 +17,7 @@ pub struct MeshVertex {
     pub normal: Vector3<f32>,
     /// As many points as its mean is worth [–].
     pub weight: f32,
-    /// Standard deviation along the normal, as far as errors of points have nothing in common [m].
+    /// Standard deviation along the normal: noise, and by how much points contradict each other; not what all of them share [m].
     pub sigma: f32,
     /// Red, green, blue [gray level, 0..=255].
     pub colour: [u8; 3],

@@ -32,7 +32,7 @@ figures! {
     "surface.voxel_mm": mm, neither, "From voxel to voxel";
     "surface.vertices": count, neither, "Corners of triangles of the last surface that was sent";
     "surface.triangles": count, neither, "Triangles of it";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals, as far as errors of points have nothing in common";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals: noise, and by how much points contradict each other; not what all of them share";
     "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
     "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose, as stated by registration, median over clouds";
     "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
