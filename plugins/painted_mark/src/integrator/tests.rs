@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use foveate::estimation::{Random, statistics::median};
 use foveate_testkit::check_node;
-use nalgebra::{Matrix6, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix6, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3};
 
+use super::initiation::NEAR_KNOWN_PX;
 use super::*;
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
