@@ -294,6 +294,18 @@ fn calibrations_are_converted_and_what_is_lost_is_said() {
     assert_eq!(foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640,480"]).0, 0);
     let (code, _, complaint) = foveate(at, &["convert", "dlt.csv", "back.toml", "--image-size", "640"]);
     assert_eq!((code, complaint.contains("expected W,H")), (2, true), "{complaint}");
+    // A world in which what is up points along -y, and back again.
+    let (code, _, complaint) = foveate(at, &["convert", "room.calibration.toml", "down.toml", "--from-up", "-y"]);
+    assert_eq!(code, 0, "{complaint}");
+    assert_eq!(foveate(at, &["convert", "down.toml", "up.toml", "--from-up", "y"]).0, 0);
+    let position = |name: &str| -> Vec<f64> {
+        let text = fs::read_to_string(at.join(name)).unwrap();
+        let line = text.lines().find(|it| it.starts_with("position_m")).unwrap();
+        line.split(['[', ',', ']']).filter_map(|it| it.trim().parse().ok()).collect()
+    };
+    let [was, down, up] = ["room.calibration.toml", "down.toml", "up.toml"].map(position);
+    let is_same = |a: &[f64], b: &[f64]| a.len() == 3 && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+    assert!(is_same(&up, &was) && is_same(&down, &[was[0], was[2], -was[1]]), "{was:?} {down:?} {up:?}");
     let (code, _, complaint) =
         foveate(at, &["convert", "room.calibration.toml", "other.toml", "--image-size", "641,480"]);
     assert_eq!((code, complaint.contains("`--image-size 641,480` contradicts")), (2, true), "{complaint}");
