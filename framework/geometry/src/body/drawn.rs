@@ -1,5 +1,7 @@
 //! Voxels of tubes with round ends, for tests.
 
+use std::collections::BTreeMap;
+
 use foveate_estimation::random::Random;
 use nalgebra::{Point3, Rotation3, Vector3};
 
@@ -187,6 +189,62 @@ pub(super) fn chair(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
         tubes.extend(corners.map(|[x, y]| ([p(0.9 * x, 0.9 * y, 0.02), p(0.9 * x, 0.9 * y, seat)], leg)));
     }
     tubes
+}
+
+/// A table of any size on four legs.
+pub(super) fn table(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
+    let mut of = |low: f64, high: f64| random.uniform_in(low, high);
+    let [x, y, z] = [of(0.4, 0.9), of(0.28, 0.5), of(0.4, 0.8)];
+    let [thick, leg] = [of(0.02, 0.035), of(0.02, 0.04)];
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), of(0.0, std::f64::consts::TAU));
+    let p = |x: f64, y: f64, z: f64| Point3::from(turn * Vector3::new(x, y, z) + Vector3::new(at[0], at[1], 0.0));
+    let slats = (-14..=14).map(|it| y * f64::from(it) / 14.0);
+    let mut tubes: Vec<Tube> = slats.map(|y| ([p(-x, y, z), p(x, y, z)], thick)).collect();
+    let corners = [[-x, -y], [-x, y], [x, -y], [x, y]];
+    tubes.extend(corners.map(|[x, y]| ([p(0.92 * x, 0.9 * y, 0.02), p(0.92 * x, 0.9 * y, z)], leg)));
+    tubes
+}
+
+/// A pot with a stem and up to 18 thick branches.
+pub(super) fn plant(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
+    let height = random.uniform_in(0.9, 1.9);
+    let p = |x: f64, y: f64, z: f64| Point3::new(at[0] + x, at[1] + y, z);
+    let mut tubes = vec![
+        ([p(0.0, 0.0, 0.1), p(0.0, 0.0, 0.25)], random.uniform_in(0.12, 0.2)),
+        ([p(0.0, 0.0, 0.2), p(0.0, 0.0, 0.7 * height)], 0.03),
+    ];
+    for _ in 0..5 + random.below(14) {
+        let mut of = |low: f64, high: f64| random.uniform_in(low, high);
+        let (angle, length, from) = (of(0.0, std::f64::consts::TAU), of(0.15, 0.45), of(0.4, 0.75) * height);
+        let (to, radius) = ((from + of(-0.1, 0.35)).min(height), of(0.03, 0.09));
+        tubes.push(([p(0.0, 0.0, from), p(length * angle.cos(), length * angle.sin(), to)], radius));
+    }
+    tubes
+}
+
+/// Of each voxel, which of the pieces that hang together it is of, corners included.
+pub(super) fn components(indices: &[[u16; 3]]) -> Vec<u16> {
+    let place_of: BTreeMap<[u16; 3], usize> = indices.iter().enumerate().map(|(place, it)| (*it, place)).collect();
+    let mut components = vec![u16::MAX; indices.len()];
+    let mut n = 0;
+    for first in 0..indices.len() {
+        if components[first] != u16::MAX {
+            continue;
+        }
+        let mut open = vec![first];
+        while let Some(place) = open.pop() {
+            if std::mem::replace(&mut components[place], n) == n {
+                continue;
+            }
+            for shift in 0..27_u16 {
+                let steps = [shift % 3, shift / 3 % 3, shift / 9];
+                let beside = [0, 1, 2].map(|axis| (indices[place][axis] + steps[axis]).wrapping_sub(1));
+                open.extend(place_of.get(&beside).filter(|it| components[**it] == u16::MAX));
+            }
+        }
+        n += 1;
+    }
+    components
 }
 
 /// Cameras in a ring of 3.5 m at two heights, not quite even.

@@ -437,7 +437,7 @@ mod tests {
     use foveate_estimation::random::Random;
 
     use super::*;
-    use crate::body::drawn::{self, Stance};
+    use crate::body::drawn::{self, Stance, Tube};
     use crate::body::field::ENDLESS;
     use crate::body::parts::Joint;
     use crate::body::standing::mirrored;
@@ -568,6 +568,38 @@ mod tests {
         assert!(wrong.is_empty(), "{} of 8: {}", wrong.len(), wrong.join(", "));
         // What hangs together is one heap here: a person with much of a chair may be too much for one body.
         assert!(n_found >= 6, "of 8 people beside chairs {n_found} are found");
+    }
+
+    #[test]
+    fn somebody_among_a_table_a_chair_and_a_plant_is_the_only_one() {
+        let mut wrong = Vec::new();
+        for seed in 33000..33006 {
+            let mut random = Random::new(seed);
+            let stance =
+                Stance { stature: random.uniform_in(1.5, 1.9), at: [0.9, 0.1], ..Stance::upright(&mut random) };
+            let (person, joints) = stance.drawn();
+            let head = joints.iter().find(|it| it.0 == Joint::Head).map_or(Point3::origin(), |it| it.1);
+            let room = [
+                drawn::table([-0.9, 0.1], &mut random),
+                drawn::chair([0.1, -1.0], &mut random),
+                drawn::plant([0.0, 1.0], &mut random),
+            ];
+            let cameras = drawn::ring(4 + 2 * random.below(3) as usize, &mut random);
+            let heads = |tubes: &[Tube]| -> Vec<Point3<f64>> {
+                let (origin, indices) = drawn::hull_cells(tubes, &cameras, 0.04);
+                let components = drawn::components(&indices);
+                let mut people = People::new(PeopleOptions::default());
+                let cubes = Cubes { size: 0.04, origin, cells: ENDLESS, indices: &indices, components: &components };
+                people.step(&cubes, 0.04, |_, _| Vec::new());
+                people.list().iter().map(|it| it.tracker.filter().body.centre(Part::Head)).collect()
+            };
+            let furniture = room.concat();
+            let [alone, all] = [heads(&furniture), heads(&[&furniture[..], &person[..]].concat())];
+            if !alone.is_empty() || all.len() != 1 || (all[0] - head).norm() > 0.06 {
+                wrong.push(format!("{seed}: {alone:.2?}, with somebody whose head is at {head:.2} {all:.2?}"));
+            }
+        }
+        assert!(wrong.is_empty(), "{} of 6: {}", wrong.len(), wrong.join("\n"));
     }
 
     #[test]

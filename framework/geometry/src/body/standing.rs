@@ -117,7 +117,7 @@ fn a_chest_that_was_taken_for_the_head_is_given_back_soon() {
             wrong.push(format!("{seed}: {:.3} m", off(&tracker)));
         }
     }
-    assert!(begun_wrong >= 2, "only {begun_wrong} of {begun} begin with a chest for the head");
+    assert!(begun_wrong >= 1, "only {begun_wrong} of {begun} begin with a chest for the head");
     assert!(wrong.is_empty(), "of {begun_wrong}: {}", wrong.join(", "));
 }
 

@@ -174,6 +174,8 @@ const CHILD_ANEW: [f64; 2] = [0.04, 0.02];
 const HEAD_LACKS: f64 = 0.3;
 const LIMBS_UNUSUAL: f64 = 30.0;
 const SKIN_LACKS: f64 = 0.58;
+/// The same of what a body that lies leaves of the skin to nobody [–], to the fourth power: table tops leave 0.14 and more, people who lie or stoop 0.11 at most.
+const LYING_REST: f64 = 0.19;
 
 /// A trunk as upright as this stands or stoops by up to 50°: cosine of its angle to the vertical [–].
 pub(super) const UPRIGHT: f64 = 0.64;
@@ -297,6 +299,7 @@ impl BodyTracker {
         (lacks / HEAD_LACKS).powi(2)
             + (self.unusual_limbs() / LIMBS_UNUSUAL).powi(2)
             + ((1.0 - skin) / SKIN_LACKS).powi(2)
+            + if self.upright() < UPRIGHT { (self.support.unexplained / LYING_REST).powi(4) } else { 0.0 }
     }
 
     /// Cosine between the torso and the vertical [–].
@@ -435,7 +438,9 @@ impl BodyTracker {
             let (part, _) = joint.place();
             let tied = joint.limb().is_some_and(|it| self.level(it) == LimbLevel::Straight)
                 && matches!(joint, Joint::LeftElbow | Joint::RightElbow | Joint::LeftKnee | Joint::RightKnee);
-            if !self.shows(part) {
+            // Where an upper arm does not show, what lies farther down may be another body's forearm, or a chair's.
+            let hangs_on_shown = part.parent().filter(|it| it.is_limb()).is_none_or(|it| self.shows(it));
+            if !(self.shows(part) && hangs_on_shown) {
                 JointSource::Predicted
             } else if tied {
                 JointSource::Filled

@@ -19,8 +19,10 @@ use super::{BodyTracker, LimbLevel, LimbTrack, TrackerOptions, UPRIGHT};
 const REACHES: usize = 4;
 /// What is begun is too unlike a person above this sum of squares [–]. People in hulls of 2 to 20 views, real ones on chairs included, have 1.1 at most; chairs, boxes and plants 1.7 and more.
 const MOST_DOUBT: f64 = 1.4;
-/// A head of which so much is there above an upright trunk is one, whatever the limbs are: two people who embrace have limbs in common [–]. Of furniture's 0.83 and less is there, or the trunk lies.
+/// A head of which so much is there above an upright trunk is one, though limbs are odd: two people who embrace have limbs in common [–]. Of chairs' and cupboards' 0.83 and less is there, or the trunk lies; plants
+/// have such heads, and limbs that are odder than so much doubt.
 const CLEAR_HEAD: f64 = 0.9;
+const CLEAR_DOUBT: f64 = 4.0;
 /// Where the volume cuts a body off, shoulders and chests below its end look like heads; of a head, so much is there, and so much where limbs are cut off too or are none [–]. Chosen on 40 people who are cut off at
 /// nine heights and seven places beside the head, in hulls of 4 and 8 views: of 84 heads that were none 83 have less, of 269 others 41, most of them heads that are cut themselves.
 const CUT_OFF: f64 = 0.75;
@@ -170,13 +172,14 @@ impl BodyTracker {
             }
         }
         let head = tracker.support.covered[Part::Head.index()];
-        let is_unlike = tracker.doubt() > MOST_DOUBT;
+        let doubt = tracker.doubt();
+        let is_unlike = doubt > MOST_DOUBT;
         if field.is_cut_off() {
             let expected = if is_unlike { CUT_OFF_LIMBS } else { CUT_OFF };
             if head < expected {
                 return Err(AcquisitionFailure::CutOff { head, expected });
             }
-        } else if is_unlike && !(head >= CLEAR_HEAD && tracker.upright() >= UPRIGHT) {
+        } else if is_unlike && !(head >= CLEAR_HEAD && tracker.upright() >= UPRIGHT && doubt <= CLEAR_DOUBT) {
             return Err(AcquisitionFailure::Unlike { head, limbs: tracker.sigmas_of_limbs() });
         }
         if tracker.support.unexplained > options.acquisition.most_unexplained {
