@@ -131,7 +131,7 @@ impl Words {
         for ([a, b], n) in &self.same {
             let (a, b) = (name(a), name(b));
             report.remark(format!(
-                "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: one folder given for two cameras?",
+                "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: one folder given for two cameras? (A thing that looks alike from both has such, too.)",
                 self.n_sets
             ));
         }
@@ -182,8 +182,12 @@ impl Words {
         let ends: Vec<String> =
             ENDS.iter().zip(self.cut_off).filter(|it| it.1 > 0).map(|(end, n)| format!("its {end} in {n}")).collect();
         if !ends.is_empty() {
+            let head = match self.cut_off[4] {
+                0 => "",
+                _ => ". Whose head its top cuts is not found, or found lower and twice: expected one above all heads",
+            };
             report.remark(format!(
-                "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`)",
+                "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`){head}",
                 ends.join(", "),
                 self.n_sets
             ));
@@ -254,7 +258,7 @@ impl Words {
         let nearest = distances.fold(f64::INFINITY, f64::min);
         (nearest.is_finite() && nearest > FAR * diagonal).then(|| {
             format!(
-                "the nearest camera is {nearest:.0} m away from a volume {diagonal:.3} m across: is the calibration in millimetres (`foveate convert --metres-per-unit 0.001`)?"
+                "the nearest camera is {nearest:.0} m away from a volume {diagonal:.3} m across: is the calibration in millimetres? (`length_unit = \"unknown\"` in it, then `foveate convert IN OUT --metres-per-unit 0.001`)"
             )
         })
     }
