@@ -30,7 +30,7 @@ impl Integrator {
         unnamed.filter(is_free).collect()
     }
 
-    fn initiation_views(&self, frame: &Frame) -> usize {
+    pub(super) fn initiation_views(&self, frame: &Frame) -> usize {
         (self.settings.initiation_views as usize).min(frame.views.len()).max(2)
     }
 
