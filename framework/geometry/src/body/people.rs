@@ -2,7 +2,7 @@
 //!
 //! A component of voxels that one body alone is near is that body's, however its limbs have moved in between; where two are near (they touch), each voxel goes to the nearer skin.
 //! Silhouettes that lose a strip across a knee cut a body into several components: a component too small for a body goes with what lies beside it ([`PeopleOptions::gap`]).
-//! What is near no body may be a new one, and is tried until it is found or named, ever more seldom where it stays as it is ([`vain`]): nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
+//! What is near no body may be a new one, and is tried until it is found or named, ever more seldom where it stays as it is: nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
 //! body does not explain, the rest is tried too: somebody who came in close to somebody else. A trunk without limbs that lies at somebody's feet is soon nobody: silhouettes that hold a shadow make such hulls.
 
 use std::collections::BTreeSet;
