@@ -80,7 +80,8 @@ impl Hull {
             std::mem::swap(&mut self.carver, &mut self.trials);
             let is_mirrored = self.fits_mirrored(views, statuses, covered);
             std::mem::swap(&mut self.carver, &mut self.trials);
-            self.is_mirrored = Some(is_mirrored?);
+            // A set is carved whatever became of a question about it.
+            self.is_mirrored = is_mirrored.ok();
         }
         while self.contradictions.len() < n_used / ONE_OF
             && self.covered(views, &used(statuses), found.as_ref()) < limit
@@ -252,7 +253,7 @@ fn without(statuses: &[ViewStatus], pair: [usize; 2]) -> Vec<ViewStatus> {
     fewer
 }
 
-fn used(statuses: &[ViewStatus]) -> Vec<usize> {
+pub(super) fn used(statuses: &[ViewStatus]) -> Vec<usize> {
     (0..statuses.len()).filter(|it| statuses[*it] == ViewStatus::Used).collect()
 }
 

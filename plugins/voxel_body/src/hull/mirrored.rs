@@ -3,6 +3,7 @@
 use foveate::messages::Window;
 use foveate::prelude::*;
 
+use super::contradiction::used;
 use super::{Hull, View};
 
 /// So much of what no voxels cover is covered once all are mirrored, at least [–].
@@ -22,10 +23,9 @@ impl Hull {
             .zip(&mirrored)
             .map(|(view, silhouette)| View { camera: view.camera.clone(), silhouette, picture: None, ..*view })
             .collect();
-        let used: Vec<usize> = (0..statuses.len()).filter(|it| statuses[*it] == ViewStatus::Used).collect();
         let coarse = self.coarse();
         let found = self.hull_of(&views, statuses, coarse)?;
-        Ok(1.0 - self.covered(&views, &used, found.as_ref()) < (1.0 - BETTER) * (1.0 - covered))
+        Ok(1.0 - self.covered(&views, &used(statuses), found.as_ref()) < (1.0 - BETTER) * (1.0 - covered))
     }
 }
 
