@@ -20,7 +20,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use losses::Losses;
+use losses::{Losses, Rule};
 
 /// A box along the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -356,12 +356,29 @@ impl Hull {
         found: Option<Found>,
     ) -> Result<Option<Found>, String> {
         let used = used_views(views, statuses);
-        let may_lose = (self.options.may_lose * used.len() as f64) as usize;
-        if may_lose == 0 {
+        let few = Rule::few((self.options.may_lose * used.len() as f64) as usize);
+        if few.may_lose == 0 {
             return Ok(found);
         }
+        let many = Rule::many(used.len()).filter(|it| it.may_lose > few.may_lose);
+        let Some(found) = self.with_lost(&used, views, statuses, found, &few)? else { return Ok(None) };
+        match many {
+            Some(rule) => self.with_lost(&used, views, statuses, Some(found), &rule),
+            None => Ok(Some(found)),
+        }
+    }
+
+    /// The hull with what `rule` gives back.
+    fn with_lost(
+        &mut self,
+        used: &[SilhouetteView],
+        views: &[View],
+        statuses: &[ViewStatus],
+        found: Option<Found>,
+        rule: &Rule,
+    ) -> Result<Option<Found>, String> {
         self.losses.begin();
-        for view in &used {
+        for view in used {
             let voxel_px = self.voxel_px(view, found.as_ref());
             match &found {
                 Some(it) => drop(cover(&it.grid, &it.surface, view, &mut self.drawn)),
@@ -372,20 +389,23 @@ impl Hull {
             }
             self.losses.look(view, self.options.doubt.from, &self.drawn, voxel_px);
         }
-        if !self.losses.any() {
+        if !self.losses.any(rule) {
             return Ok(found);
         }
         let words = |error: CarveError| error.to_string();
-        let may_err = (self.options.may_err + may_lose).min(used.len() - 1);
+        let may_err = (self.options.may_err + rule.may_lose).min(used.len() - 1);
         let options = CarveOptions { may_err, min_views: self.options.min_views };
-        let Some(bounds) = self.losses.bounds(&self.grid, &used, &options).map_err(words)? else { return Ok(found) };
+        let Some(bounds) = self.losses.bounds(&self.grid, used, &options).map_err(words)? else { return Ok(found) };
         // What is there already lies within: fewer views may deny it; what is in doubt may not.
         let bounds = found.as_ref().map_or(bounds, |it| it.united(bounds));
         let (grid, offset) = self.inner(self.grid, bounds);
+        let before = found;
         let mut found = self.hull_in(views, statuses, grid, offset)?;
-        if self.losses.add(&mut found.hull, &grid, &used, &options).map_err(words)? > 0 {
-            found.surface = found.hull.surface();
+        if let Some(before) = before {
+            found.keep(&before);
         }
+        self.losses.add(&mut found.hull, &grid, used, &options, rule).map_err(words)?;
+        found.surface = found.hull.surface();
         Ok((found.surface.count() > 0).then_some(found))
     }
 
@@ -425,6 +445,13 @@ struct Found {
 }
 
 impl Found {
+    /// Keeps what was found in a part of this grid.
+    fn keep(&mut self, part: &Found) {
+        for index in part.hull.iter() {
+            self.hull.set(std::array::from_fn(|axis| index[axis] + part.offset[axis] - self.offset[axis]));
+        }
+    }
+
     /// First and last index in the whole grid of what holds this and `bounds`.
     fn united(&self, [low, high]: [[u32; 3]; 2]) -> [[u32; 3]; 2] {
         let own = |axis: usize| self.offset[axis] + self.grid.cells[axis] - 1;

@@ -53,6 +53,15 @@ fn set(setup: &Setup, people: &[[f64; 2]]) -> Vec<Silhouette> {
     (0..N).map(|it| silhouette(&setup.calibration, it, people)).collect()
 }
 
+/// The upper two fifths of a silhouette.
+fn lose_top(it: &mut Silhouette) {
+    let rows: Vec<usize> =
+        (0..it.height as usize).filter(|row| it.confidence[row * 160..][..160].iter().any(|it| *it > 0)).collect();
+    let top = rows[0]..rows[2 * rows.len() / 5];
+    it.confidence[top.start * 160..top.end * 160].fill(0);
+    it.n_body = it.confidence.iter().filter(|it| **it > 0).count() as u32;
+}
+
 fn settings() -> CarverSettings {
     CarverSettings { voxel_mm: 40.0, ..CarverSettings::default() }
 }
@@ -345,13 +354,7 @@ fn what_one_view_lost_is_kept_where_the_others_ask_for_it() {
     let whole = set(&setup, &[[0.1, 0.0]]);
     let cut = |set: &[Silhouette]| {
         let mut set = set.to_vec();
-        // One view loses the upper two fifths.
-        let it = &mut set[1];
-        let rows: Vec<usize> =
-            (0..it.height as usize).filter(|row| it.confidence[row * 160..][..160].iter().any(|it| *it > 0)).collect();
-        let top = rows[0]..rows[2 * rows.len() / 5];
-        it.confidence[top.start * 160..top.end * 160].fill(0);
-        it.n_body = it.confidence.iter().filter(|it| **it > 0).count() as u32;
+        lose_top(&mut set[1]);
         set
     };
     let with = |may_lose: f64, set: Vec<Silhouette>| {
@@ -374,6 +377,29 @@ fn what_one_view_lost_is_kept_where_the_others_ask_for_it() {
     assert!((part(&with(0.25, ghost.clone())) - 1.0).abs() < 0.003);
     let name = &setup.calibration.cameras[3].name;
     check_remark(&remarks(&setup, settings(), ghost), &format!("{name}: the voxels cover"));
+}
+
+#[test]
+fn what_a_third_of_the_views_lost_is_kept_where_most_others_ask_for_it() {
+    let setup = setup();
+    let whole = set(&setup, &[[0.1, 0.0]]);
+    let with = |may_lose: f64, set: &[Silhouette]| {
+        let settings = CarverSettings { may_lose, min_completeness: 0.0, voxel_mm: 20.0, ..settings() };
+        carve(&setup, settings, set.to_vec())
+    };
+    let truth = with(0.0, &whole);
+    for lost in [[0, 1], [1, 3], [2, 5], [0, 4]] {
+        let mut set = whole.clone();
+        lost.iter().for_each(|it| lose_top(&mut set[*it]));
+        let [without, kept] = [0.0, 0.2].map(|it| with(it, &set).volume() / truth.volume());
+        assert!(without < 0.75 && (0.85..1.05).contains(&kept), "{lost:?}: {without} {kept}");
+    }
+    // Of ghosts in five views, each at a place of its own, no third person is made.
+    let mut ghosts = whole.clone();
+    for (camera, at) in [[0.6, 0.6], [-0.6, 0.5], [0.5, -0.6], [-0.5, -0.5], [0.7, 0.0]].into_iter().enumerate() {
+        ghosts[camera] = silhouette(&setup.calibration, camera, &[[0.1, 0.0], at]);
+    }
+    assert!((with(0.2, &ghosts).volume() / truth.volume() - 1.0).abs() < 0.02);
 }
 
 #[test]

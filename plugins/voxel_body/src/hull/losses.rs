@@ -16,13 +16,33 @@ pub struct Losses {
     asked: Vec<Vec<u8>>,
     /// By view: body where it may be. Who is in doubt denies nothing.
     wide: Vec<Vec<u8>>,
-    /// Whether any view asks for more than `LEAST` of its silhouette.
-    any: bool,
+    /// Views that ask for more than `LEAST` of their silhouettes.
+    n_loud: usize,
 }
 
-/// Views that must ask for a voxel, at least, and the part of those that call it body.
-const ASKING: usize = 2;
-const ASKING_SHARE: f64 = 1.0 / 3.0;
+/// How many views may deny what others ask for, and how loudly these have to ask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rule {
+    /// Views that may have lost a voxel.
+    pub may_lose: usize,
+    /// Views that must ask for it, at least.
+    asking: usize,
+    /// The part that must ask of those that call it body, and of those in whose picture it lies [–].
+    asking_share: [f64; 2],
+}
+
+impl Rule {
+    /// Of a few views.
+    pub fn few(may_lose: usize) -> Self {
+        Self { may_lose, asking: 2, asking_share: [1.0 / 3.0, 0.0] }
+    }
+
+    /// Of up to a third of `n_views`, what most of the others ask for: with every view that may deny, a hull grows, and so does the chance that ghosts agree. `None` of fewer than six views.
+    pub fn many(n_views: usize) -> Option<Self> {
+        (n_views >= 6).then_some(Self { may_lose: n_views / 3, asking: 3, asking_share: [0.5, 0.375] })
+    }
+}
+
 /// Less than this part of a silhouette is not asked for [–].
 const LEAST: f64 = 0.01;
 
@@ -31,7 +51,7 @@ impl Losses {
     pub fn begin(&mut self) {
         self.asked.clear();
         self.wide.clear();
-        self.any = false;
+        self.n_loud = 0;
     }
 
     /// Takes in a view, whose pixels may be body from a confidence of `from` on, and what the hull covers of it (a byte a pixel), drawn with voxels of `voxel_px`.
@@ -44,7 +64,7 @@ impl Losses {
             covered.iter().zip(view.confidence).map(|(it, body)| u8::from(*it == 0 && *body >= BODY)).collect();
         let [n_lost, n_body] =
             [lost.iter().filter(|it| **it > 0).count(), view.confidence.iter().filter(|it| **it >= BODY).count()];
-        self.any |= n_lost as f64 > LEAST * n_body as f64;
+        self.n_loud += usize::from(n_lost as f64 > LEAST * n_body as f64);
         // Up to the rim again.
         let mut asked = grown(&lost, width, rim);
         let not_covered = drawn.iter().zip(view.confidence).map(|(it, body)| u8::from(*it == 0 && *body >= BODY));
@@ -53,9 +73,9 @@ impl Losses {
         self.wide.push(view.confidence.iter().map(|it| u8::from(*it >= from.min(BODY)) * u8::MAX).collect());
     }
 
-    /// Whether anything is asked for.
-    pub fn any(&self) -> bool {
-        self.any
+    /// Whether enough is asked for that `rule` may give something back.
+    pub fn any(&self, rule: &Rule) -> bool {
+        2 * self.n_loud >= rule.asking
     }
 
     /// A box that holds all that [`Self::add`] may add.
@@ -72,7 +92,7 @@ impl Losses {
         carver.bounds(grid, &in_doubt(views, wide), options)
     }
 
-    /// Adds to `hull` what `options` leave over of `grid` and is asked for; `views` are those that [`Self::look`] took in, in that order. Gives how many were added.
+    /// Adds to `hull` what `options` leave over of `grid` and is asked for as `rule` says; `views` are those that [`Self::look`] took in, in that order.
     ///
     /// # Errors
     /// As [`Carver::carve`].
@@ -82,27 +102,29 @@ impl Losses {
         grid: &VoxelGrid,
         views: &[SilhouetteView],
         options: &CarveOptions,
-    ) -> Result<usize, CarveError> {
+        rule: &Rule,
+    ) -> Result<(), CarveError> {
         let Self { carver, wide, asked, .. } = self;
         let possible = carver.carve(grid, &in_doubt(views, wide), options)?;
-        let mut n_added = 0;
         for index in possible.iter() {
             if hull.get(index) {
                 continue;
             }
             let centre = grid.centre(index);
-            let (mut n_body, mut n_asked) = (0, 0);
+            let (mut n_seen, mut n_body, mut n_asked) = (0u32, 0u32, 0);
             for (view, asked) in views.iter().zip(&*asked) {
                 let Some(at) = pixel_at(view, &centre) else { continue };
-                n_body += usize::from(view.confidence[at] >= BODY);
+                n_seen += 1;
+                n_body += u32::from(view.confidence[at] >= BODY);
                 n_asked += usize::from(asked[at]);
             }
-            if n_asked >= ASKING && n_asked as f64 >= ASKING_SHARE * n_body as f64 {
+            let [of_body, of_seen] = rule.asking_share;
+            let least = (of_body * f64::from(n_body)).max(of_seen * f64::from(n_seen));
+            if n_asked >= rule.asking && n_asked as f64 >= least {
                 hull.set(index);
-                n_added += 1;
             }
         }
-        Ok(n_added)
+        Ok(())
     }
 }
 
