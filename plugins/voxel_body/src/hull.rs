@@ -363,8 +363,9 @@ impl Hull {
         let many = Rule::many(used.len()).filter(|it| it.may_lose > few.may_lose);
         let Some(found) = self.with_lost(&used, views, statuses, found, &few)? else { return Ok(None) };
         match many {
-            Some(rule) => self.with_lost(&used, views, statuses, Some(found), &rule),
-            None => Ok(Some(found)),
+            // What few gave back is asked for no more.
+            Some(rule) if self.losses.any(&rule) => self.with_lost(&used, views, statuses, Some(found), &rule),
+            _ => Ok(Some(found)),
         }
     }
 

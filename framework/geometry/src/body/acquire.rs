@@ -117,6 +117,18 @@ pub enum AcquisitionFailure {
         /// Threshold [–].
         expected: f64,
     },
+    /// What goes on above the head that was found, up to the volume's top, may be the head.
+    #[error(
+        "the volume cuts it off: {away:.2} m beside the head that was found {thick:.2} m thick voxels reach the volume's top, {above:.2} m higher, and that may be the head"
+    )]
+    CutAbove {
+        /// Of what reaches the top [m].
+        thick: f64,
+        /// How much higher the top is than the middle of the head that was found [m].
+        above: f64,
+        /// How far aside, seen from above [m].
+        away: f64,
+    },
     /// It is somebody who is followed already, or one too many.
     #[error("its head is that of a body that is followed already, or {most} are followed, which is the most")]
     Known {

@@ -93,6 +93,14 @@ impl VoxelField {
         self.ends.as_flattened().contains(&true)
     }
 
+    /// Where what reaches the grid's upper end is thickest there, and its depth [m]; `None` if nothing does.
+    pub fn thickest_at_top(&self) -> Option<(Point3<f64>, f64)> {
+        let at_top = |it: &&u32| **it as usize / (self.cells[0] * self.cells[1]) + 1 + MARGIN == self.cells[2];
+        let top = self.list.iter().filter(|_| self.ends[2][1]).filter(at_top);
+        let thickest = top.max_by(|a, b| self.depth_of(**a).total_cmp(&self.depth_of(**b)))?;
+        Some((self.centre(*thickest), self.depth_of(*thickest)))
+    }
+
     /// Whether a place lies beyond an end of the grid that voxels reach: nothing is known there.
     pub fn is_beyond(&self, place: &Point3<f64>) -> bool {
         let at = (place - self.first) / self.size;

@@ -44,6 +44,11 @@ const FEWER: f64 = 0.06;
 /// Trunks whose middles are nearer to each other, seen from above, may be two halves of one [m].
 const HALVES: f64 = 0.5;
 
+/// What reaches the volume's top and is as thick as a neck may be somebody's head or neck [m, half as thick], unless that head is so near to the top [m] or so far aside, seen from above [m].
+const NECK: f64 = 0.04;
+const HEAD_AT_TOP: f64 = 0.16;
+const HEAD_ASIDE: f64 = 0.30;
+
 /// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
 
@@ -336,6 +341,7 @@ impl People {
                     _ => Ok(several),
                 }
             };
+            let found = found.and_then(|it| below_top(it, &field));
             let failure = match found {
                 Ok(mut found) => {
                     found.retain(|it| !self.is_known(it));
@@ -388,6 +394,25 @@ impl People {
         let head = |it: &BodyTracker| it.filter().body.centre(Part::Head);
         let found = head(tracker);
         self.followed.iter().any(|it| (head(&it.tracker) - found).norm() < self.options.heads_apart)
+    }
+}
+
+/// Those whose head is no chest or shoulder below a head that the volume's top cuts off.
+fn below_top(mut found: Vec<BodyTracker>, field: &VoxelField) -> Result<Vec<BodyTracker>, AcquisitionFailure> {
+    let Some((place, thick)) = field.thickest_at_top().filter(|it| it.1 >= NECK) else { return Ok(found) };
+    let mut failure = None;
+    found.retain(|it| {
+        let off = place - it.filter().body.centre(Part::Head);
+        let [above, away] = [off.z, off.xy().norm()];
+        let is_head = above < HEAD_AT_TOP || away > HEAD_ASIDE;
+        if !is_head {
+            failure = Some(AcquisitionFailure::CutAbove { thick: 2.0 * thick, above, away });
+        }
+        is_head
+    });
+    match failure {
+        Some(failure) if found.is_empty() => Err(failure),
+        _ => Ok(found),
     }
 }
 

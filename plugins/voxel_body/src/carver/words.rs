@@ -184,7 +184,7 @@ impl Words {
         if !ends.is_empty() {
             let head = match self.cut_off[4] {
                 0 => "",
-                _ => ". Whose head its top cuts is not found, or found lower and twice: expected one above all heads",
+                _ => ". Whose head its top cuts is not found: expected one above all heads",
             };
             report.remark(format!(
                 "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`){head}",

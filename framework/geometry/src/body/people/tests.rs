@@ -199,6 +199,41 @@ fn somebody_whose_head_lacked_at_first_is_one_body_before_long() {
 }
 
 #[test]
+fn nobody_is_two_or_has_the_head_in_the_chest_where_the_volume_ends_within_the_head() {
+    const SIZE: f64 = 0.025;
+    // Where heads are off, of those who are found in the first moment in voxels up to `above` the middle of the head.
+    let off = |stance: &Stance, above: f64, random: &mut Random| -> Vec<f64> {
+        let (tubes, truth) = stance.drawn();
+        let head = truth.iter().find(|it| it.0 == Joint::Head).map_or(Point3::origin(), |it| it.1);
+        let (origin, all) = drawn::hull_cells(&tubes, &drawn::ring(8, random), SIZE);
+        let end = ((head.z + above - origin.z) / SIZE) as u32;
+        let below: Vec<[u16; 3]> = all.into_iter().filter(|it| u32::from(it[2]) < end).collect();
+        let cells = [u32::MAX, u32::MAX, end];
+        let cubes = Cubes { size: SIZE, origin, cells, indices: &below, components: &vec![0; below.len()] };
+        let mut people = People::new(PeopleOptions::default());
+        people.step(&cubes, 0.0, |_, _| Vec::new());
+        people.list().iter().map(|it| (it.tracker.filter().body.centre(Part::Head) - head).norm()).collect()
+    };
+    let (mut invented, mut found) = (Vec::new(), 0);
+    for seed in [9950, 9960, 9969] {
+        let mut random = Random::new(seed);
+        let mut stance = Stance::upright(&mut random);
+        stance.stature = stance.stature.max(1.5);
+        for above in [-0.06, 0.03] {
+            let off = off(&stance, above, &mut random);
+            if off.len() > 1 || off.iter().any(|it| *it > 0.15) {
+                invented.push(format!("{seed} {above}: {off:.2?}"));
+            }
+        }
+        // Raised arms may leave the volume.
+        let raised = Stance { arms: [2.4, 2.9], elbows: [0.3; 2], ..stance };
+        found += usize::from(off(&raised, 0.25, &mut random).iter().any(|it| *it < 0.05));
+    }
+    assert!(invented.is_empty(), "{found} found, wrong {}:\n{}", invented.len(), invented.join("\n"));
+    assert_eq!(found, 3, "with raised arms");
+}
+
+#[test]
 fn what_a_gap_cuts_off_goes_with_its_body_and_two_bodies_stay_two() {
     // Of 32, 6.4 and 32 l: the piece is 60 mm from the first, 0.8 m from the second.
     assert_eq!(groups_of(&[[0, 9], [13, 14], [54, 63]]), [0, 0, 2]);
