@@ -59,6 +59,9 @@ const NO_JUMP: f64 = 1.0;
 /// Ends of stripes that are looked at, at most, and at least where something else than what is stated shall be believed.
 const ENDS: usize = 20_000;
 const LEAST_ENDS: usize = 200;
+/// Steps begin elsewhere than is stated where ends of stripes are off by more than this [px] and so many standard deviations: other programs count pixels from their middles, which is half a pixel.
+const LEAST_OFF: f64 = 0.15;
+const CERTAIN: f64 = 6.0;
 /// J₁ rises until here [rad].
 const TOP_OF_J1: f64 = 1.8;
 /// Times the place of a pixel is put right by the wave's own error there.
@@ -125,7 +128,10 @@ pub fn coordinates(
         }
         let place = |step: u32| code.place(Shown::Phase { axis, step }).map(|it| pictures[it].pixels());
         let steps: Vec<&[u8]> = (0..code.steps).filter_map(place).collect();
-        let seen = |steps: &[&[u8]]| Wave::new(code, axis, worked_out, options).seen(steps, stripes, decoded.size[0]);
+        let seen = |steps: &[&[u8]], is_in_order: bool| {
+            let wave = Wave { begins_anywhere: is_in_order, ..Wave::new(code, axis, worked_out, options) };
+            wave.seen(steps, stripes, decoded.size[0])
+        };
         let Ordered { wave, steps, exchanged: pair } = in_order(steps, stripes, seen);
         (ways[axis.index()], exchanged[axis.index()]) = (wave.steps, pair);
         let (mut values, mut sigmas) = (vec![f32::NAN; n], vec![f32::NAN; n]);
@@ -163,12 +169,16 @@ struct Ordered<'a, 's> {
     exchanged: Option<[u32; 2]>,
 }
 
-fn in_order<'a, 's>(steps: Vec<&'s [u8]>, stripes: &[u16], seen: impl Fn(&[&'s [u8]]) -> Wave<'a>) -> Ordered<'a, 's> {
+fn in_order<'a, 's>(
+    steps: Vec<&'s [u8]>,
+    stripes: &[u16],
+    seen: impl Fn(&[&'s [u8]], bool) -> Wave<'a>,
+) -> Ordered<'a, 's> {
     let mut found: Option<Ordered<'a, 's>> = None;
     for pair in exchanged(&steps, stripes) {
         let mut steps = steps.clone();
         steps.swap(pair[0], pair[1]);
-        let wave = seen(&steps);
+        let wave = seen(&steps, false);
         // Of four steps two ways make a wave: the one that is as stated is meant.
         let is_stated = wave.steps == Steps::AsStated;
         if is_stated || wave.steps != Steps::NoWay && found.is_none() {
@@ -178,7 +188,7 @@ fn in_order<'a, 's>(steps: Vec<&'s [u8]>, stripes: &[u16], seen: impl Fn(&[&'s [
             break;
         }
     }
-    found.unwrap_or_else(|| Ordered { wave: seen(&steps), steps, exchanged: None })
+    found.unwrap_or_else(|| Ordered { wave: seen(&steps, true), steps, exchanged: None })
 }
 
 /// Pixels that may see two surfaces, or the end of the light.
@@ -230,6 +240,8 @@ struct Wave<'a> {
     /// Phases are off by this times sin(n φ) [rad].
     error: f64,
     steps: Steps,
+    /// Whether it may begin at any place, and not where waves do as a rule alone: steps that are exchanged would seem to.
+    begins_anywhere: bool,
 }
 
 impl<'a> Wave<'a> {
@@ -250,6 +262,7 @@ impl<'a> Wave<'a> {
             harmonics: Vec::new(),
             error: 0.0,
             steps: Steps::AsStated,
+            begins_anywhere: false,
         }
     }
 
@@ -320,17 +333,22 @@ impl<'a> Wave<'a> {
             });
             let length = cosine.hypot(sine) / seen.len() as f64;
             let ahead = sine.atan2(cosine) / std::f64::consts::TAU;
-            // Waves begin where a cosine, a sine or one of the steps does.
-            let usual = [4.0, self.turns.len() as f64].map(|it| (ahead * it).round() / it);
-            let nearest = if (usual[0] - ahead).abs() <= (usual[1] - ahead).abs() { usual[0] } else { usual[1] };
-            let way = match !is_reversed && nearest.rem_euclid(1.0) == 0.0 {
+            let nearest = self.usual(ahead);
+            let is_usual = (nearest - ahead).abs() <= NEAR_USUAL;
+            let anywhere = self.begins_anywhere && !is_reversed;
+            let begin = if anywhere && !is_usual { ahead } else { nearest };
+            let way = match !is_reversed && begin.rem_euclid(1.0) == 0.0 {
                 true => Steps::AsStated,
-                false => Steps::Otherwise { is_reversed, ahead: nearest },
+                false => Steps::Otherwise { is_reversed, ahead: begin },
             };
             // What is stated is believed of few periods too, over which phases are not evenly spread.
             let is_known = match way {
                 Steps::AsStated => true,
-                _ => length >= AGREEING && (nearest - ahead).abs() <= NEAR_USUAL && ends.len() >= LEAST_ENDS,
+                _ => length >= AGREEING && (is_usual || anywhere) && ends.len() >= LEAST_ENDS,
+            };
+            let way = match self.off(way, ends) {
+                Some(off) if is_known => Steps::Otherwise { is_reversed, ahead: begin - off / self.period },
+                _ => way,
             };
             let mut jumps: Vec<f64> =
                 ends.iter().map(|it| (self.at(way, it[0]) - self.at(way, it[1])).abs() / self.half).collect();
@@ -339,6 +357,36 @@ impl<'a> Wave<'a> {
             if is_known && jump < NO_JUMP { way } else { Steps::NoWay }
         });
         ways.into_iter().find(|it| *it != Steps::NoWay).unwrap_or(Steps::NoWay)
+    }
+
+    /// The nearest place at which waves begin as a rule: where a cosine, a sine or one of the steps does, in periods.
+    fn usual(&self, ahead: f64) -> f64 {
+        let usual = [4.0, self.turns.len() as f64].map(|it| (ahead * it).round() / it);
+        if (usual[0] - ahead).abs() <= (usual[1] - ahead).abs() { usual[0] } else { usual[1] }
+    }
+
+    /// How far places are off where one stripe ends and the next begins [px]: two neighbours lie on both sides of it, so that their mean is there in the mean. `None` where that is little, or not certain.
+    ///
+    /// A camera that is not linear moves the ends of bright stripes outwards, to both sides in turn: ends before and behind stripes of an even number count alike.
+    fn off(&self, way: Steps, ends: &[[(u16, f64); 2]]) -> Option<f64> {
+        let mut of_kind: [Vec<f64>; 2] = Default::default();
+        for [a, b] in ends {
+            let end = self.middle(a.0.max(b.0)) - 0.5 * self.half;
+            of_kind[usize::from(a.0.max(b.0) % 2)].push(0.5 * (self.at(way, *a) + self.at(way, *b)) - end);
+        }
+        let (mut off, mut variance) = (0.0, 0.0);
+        for list in &mut of_kind {
+            if list.len() < LEAST_ENDS / 2 {
+                return None;
+            }
+            list.sort_by(f64::total_cmp);
+            let at = |share: f64| list[(share * (list.len() - 1) as f64) as usize];
+            // Of a median, by quartiles: 1.25 of a mean's.
+            let sigma = 1.25 * (at(0.75) - at(0.25)) / 1.35 / (list.len() as f64).sqrt();
+            off += 0.5 * at(0.5);
+            variance += 0.25 * sigma * sigma;
+        }
+        (off.abs() > LEAST_OFF.max(CERTAIN * variance.sqrt())).then_some(off)
     }
 
     /// Where a pixel of a stripe and a phase is, from the code's beginning [px].

@@ -111,21 +111,31 @@ pub(super) fn exchanged_in_words(axis: Axis, [a, b]: [u32; 2]) -> String {
     )
 }
 
+/// Of quarters of a period, what is a whole one [–].
+const WHOLE: f64 = 0.01;
+
 /// What is said of phase steps that do not stand as stated.
 pub(super) fn steps_in_words(axis: Axis, steps: Steps) -> Option<String> {
     let axis = axis.in_words();
     match steps {
         Steps::AsStated => None,
+        Steps::Otherwise { is_reversed: false, ahead } if (4.0 * ahead - (4.0 * ahead).round()).abs() > WHOLE => {
+            Some(format!(
+                "the waves of the {axis} begin {:.3} of a period elsewhere, expected a cosine from the projector's edge on (where pixels are counted by their middles it begins half a pixel elsewhere): coordinates \
+                 allow for it, by the Gray code below them",
+                ahead - ahead.round()
+            ))
+        }
         Steps::Otherwise { is_reversed, ahead } => {
             let way = if is_reversed { "run the other way" } else { "run as expected" };
             Some(format!(
                 "the phase steps of the {axis} {way} and begin {:.2} of a period elsewhere, expected step k of n ahead by k / n of a period, or two of them are exchanged: coordinates allow for it, by the Gray code \
                  below them",
-                ahead.rem_euclid(1.0)
+                ((100.0 * ahead).round() / 100.0).rem_euclid(1.0)
             ))
         }
         Steps::NoWay => Some(format!(
-            "the phase steps of the {axis} and its Gray code agree in no way, whichever way steps run and wherever they begin: the {axis} are left out. Do the steps stand in their order, and is `period_px` that of the pictures?"
+            "the phase steps of the {axis} and its Gray code agree in no way, whichever way steps run: the {axis} are left out. Do the steps stand in their order, and is `period_px` that of the pictures?"
         )),
     }
 }

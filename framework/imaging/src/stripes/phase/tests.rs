@@ -99,6 +99,30 @@ fn steps_of_other_programs_are_told_by_the_stripes_below_them() {
 }
 
 #[test]
+fn waves_may_begin_anywhere_and_where_is_told_by_the_ends_of_stripes() {
+    let code = StripeCode::phase([160, 120], 4, 16);
+    let steps = [0, 1, 2, 3].map(|step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap());
+    // Half a pixel of a period of 16, as where pixels are counted from 0 and not from 0.5; and any other place.
+    for periods in [0.5 / 16.0, -0.5 / 16.0, 0.125, 0.25 + 0.5 / 16.0, 0.4] {
+        let begin = move |pictures: &mut Vec<Vec<u8>>| {
+            let all = steps.map(|it| pictures[it].clone());
+            for at in 0..all[0].len() {
+                let [a, b, c, d] = all.each_ref().map(|it| f64::from(it[at]));
+                for (step, place) in steps.into_iter().enumerate() {
+                    let (sine, cosine) = (std::f64::consts::TAU * (step as f64 / 4.0 - periods)).sin_cos();
+                    let level = (a + b + c + d) / 4.0 + cosine * (a - c) / 2.0 + sine * (b - d) / 2.0;
+                    pictures[place][at] = level.round() as u8;
+                }
+            }
+        };
+        for seed in 4..=6 {
+            let [share, rms, worst] = judge(&wall(seed), &code, begin);
+            assert!(share > 0.85 && rms < 0.2 && worst < 0.75, "{periods}, {seed}: {share} {rms} {worst}");
+        }
+    }
+}
+
+#[test]
 fn two_steps_that_are_exchanged_are_told_and_put_in_their_order() {
     for (steps, power) in [(4, 1.0), (5, 1.0), (8, 1.0), (8, 2.2), (12, 1.0)] {
         let code = StripeCode::phase([160, 120], steps, 16);
