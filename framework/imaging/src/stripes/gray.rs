@@ -8,6 +8,7 @@
 //! - Let D be the light that comes straight from the projector and G what comes over other surfaces. Any bit's difference is ±D plus at most G, so
 //!   signs are right where D > G. The finest stripes are too fine for G to follow: there the difference is ±D. A pixel whose largest difference in
 //!   these is below half of white − black (= D + G) is left out.
+//! - Without inverse pictures the stripe that all bits of an axis leave dark is left out, of both axes: a shadow that moved off before white was taken looks the same.
 //! - White − black too small is shadow, a dark surface or somewhere that the projector does not reach. A saturated pixel has pictures that do not differ.
 
 use super::code::{Axis, Shown, StripeCode};
@@ -159,6 +160,8 @@ struct AxisPlan<'a> {
     /// Stripes that the projector has, and the number of its first one.
     n_stripes: u16,
     first: u16,
+    /// Whether nothing tells a stripe that all bits leave dark from a place that the light did not reach.
+    dark_is_none: bool,
 }
 
 /// Which picture is what.
@@ -179,6 +182,8 @@ struct Block {
     /// The upper and the lower eight bits of the stripe's number, and of where it is not certain.
     number: [[u8; BLOCK]; 2],
     open: [[u8; BLOCK]; 2],
+    /// 1 where all bits of an axis are dark, and that is no stripe.
+    dark: [u8; BLOCK],
 }
 
 impl<'a> Plan<'a> {
@@ -195,9 +200,11 @@ impl<'a> Plan<'a> {
             };
             let first = code.offset[index] / code.stripe[index];
             let last = (code.offset[index] + code.projector[index] - 1) / code.stripe[index];
+            let bits: Vec<Bit<'_>> = (0..bits).filter_map(bit).collect();
             AxisPlan {
                 index,
-                bits: (0..bits).filter_map(bit).collect(),
+                dark_is_none: code.steps == 0 && bits.iter().all(|it| it.unlit.is_none()),
+                bits,
                 n_stripes: (last - first + 1) as u16,
                 first: first as u16,
             }
@@ -216,6 +223,7 @@ impl<'a> Plan<'a> {
             bit: zeros,
             number: [zeros; 2],
             open: [zeros; 2],
+            dark: zeros,
         });
         let blocks = contrast.chunks_mut(BLOCK).enumerate();
         for (index, contrast) in blocks {
@@ -223,6 +231,7 @@ impl<'a> Plan<'a> {
             self.light(&mut block, at, n);
             contrast.copy_from_slice(&block.contrast[..n]);
             block.direct[..n].fill(0);
+            block.dark[..n].fill(0);
             for axis in &self.axes {
                 block.of_axis(axis, self, at, n);
                 let out = &mut stripes[axis.index][index * BLOCK..][..n];
@@ -233,9 +242,10 @@ impl<'a> Plan<'a> {
             let share = (self.options.min_direct * 256.0) as u16;
             for axis in &self.axes {
                 let out = &mut stripes[axis.index][index * BLOCK..][..n];
-                for ((out, contrast), direct) in out.iter_mut().zip(&block.contrast[..n]).zip(&block.direct[..n]) {
+                let seen = block.contrast[..n].iter().zip(&block.direct[..n]).zip(&block.dark[..n]);
+                for (out, ((contrast, direct), dark)) in out.iter_mut().zip(seen) {
                     let is_direct = u16::from(*direct) << 8 >= share.wrapping_mul(u16::from(*contrast));
-                    let good = is_direct & (*contrast >= least);
+                    let good = is_direct & (*contrast >= least) & (*dark == 0);
                     *out |= u16::from(!good).wrapping_neg();
                 }
             }
@@ -319,12 +329,13 @@ impl Block {
     }
 
     /// The stripes of the block, [`NONE`] where a bit is not certain and not one of two neighbours.
-    fn finish(&self, axis: &AxisPlan<'_>, out: &mut [u16]) {
+    fn finish(&mut self, axis: &AxisPlan<'_>, out: &mut [u16]) {
         let n = out.len();
         let (first, n_stripes) = (axis.first, axis.n_stripes);
         let number = self.number[0][..n].iter().zip(&self.number[1][..n]);
         let open = self.open[0][..n].iter().zip(&self.open[1][..n]);
-        for ((out, (high, low)), (open_high, open_low)) in out.iter_mut().zip(number).zip(open) {
+        let dark = self.dark[..n].iter_mut();
+        for (((out, (high, low)), (open_high, open_low)), dark) in out.iter_mut().zip(number).zip(open).zip(dark) {
             let number = u16::from(*high) << 8 | u16::from(*low);
             let open = u16::from(*open_high) << 8 | u16::from(*open_low);
             // A bit of the Gray code turns all bits from there on: 0111 and 1000 are neighbours.
@@ -334,6 +345,7 @@ impl Block {
             let is_boundary = (tail == below) | (tail == open);
             let stripe = number.wrapping_sub(first);
             let good = ((open == 0) | (is_one & is_boundary)) & (stripe < n_stripes);
+            *dark |= u8::from(axis.dark_is_none & (number == 0));
             *out = stripe | u16::from(!good).wrapping_neg();
         }
     }
@@ -462,6 +474,23 @@ mod tests {
         }
         for (column, plane) in [(63, 0), (64, 2), (70, 1), (0, 1), (255, 3), (40, 5)] {
             assert_eq!(with_open_bit(column, plane), NONE, "column {column}, bit {plane}");
+        }
+    }
+
+    #[test]
+    fn a_shadow_that_moved_off_during_a_set_without_inverse_pictures_is_left_out() {
+        let code = StripeCode { inverse: Inverse::None, ..StripeCode::gray([160, 120]) };
+        let lit = Scene { shadow: |_, _| false, ..wall(3) };
+        let shaded = wall(3).pictures(&code);
+        // It moves off after the columns, after half of the rows too, and before the last picture.
+        for moved in [8, 11, 15] {
+            let mut pictures = lit.pictures(&code);
+            pictures[..moved].clone_from_slice(&shaded[..moved]);
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+            let decoded = decode(&code, &views, &Axis::BOTH, &DecodeOptions::default()).unwrap();
+            let inside = || (0..120).flat_map(|y| (87..90).map(move |x| y * 160 + x));
+            let known = |axis: usize| inside().filter(|at| decoded.stripes[axis][*at] != NONE).count();
+            assert_eq!([known(0), known(1)], [0, 0], "moved before picture {moved}");
         }
     }
 
