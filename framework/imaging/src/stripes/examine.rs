@@ -342,6 +342,7 @@ fn at_first_sight(
             last,
             first,
             used: ends,
+            but: None,
             light: *light,
         }));
         skipped.extend((0..pictures.len()).filter(|it| !used.contains(it) && !absent.contains(it)));

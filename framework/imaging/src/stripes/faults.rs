@@ -151,6 +151,8 @@ pub enum SetFault {
         first: usize,
         /// The first and the last of those that are used.
         used: [usize; 2],
+        /// The first and the last of those between these that are not used either.
+        but: Option<[usize; 2]>,
         /// By how much all grew brighter, or darker where negative, where a light that was switched explains it [gray levels].
         light: Option<f64>,
     },

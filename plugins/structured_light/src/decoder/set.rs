@@ -9,7 +9,7 @@ use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::DecodeOptions;
 use foveate::imaging::stripes::steady::Steadied;
-use foveate::imaging::stripes::{Prepared, edges, examine, response};
+use foveate::imaging::stripes::{Prepared, SetFault, edges, examine, response};
 use foveate::prelude::*;
 
 use super::Decoder;
@@ -77,11 +77,21 @@ impl Decoder {
         let left = code.pictures();
         let is_left = |it: usize| told.len() != views.len() || left.contains(&told[it]);
         let kept: Vec<usize> = (0..views.len()).filter(|it| is_left(*it)).collect();
-        let views: Vec<ImageView<'_>> = kept.iter().map(|it| views[*it]).collect();
+        let all_views = views;
+        let views: Vec<ImageView<'_>> = kept.iter().map(|it| all_views[*it]).collect();
         let is_unreadable = |it: &usize| set.unreadable.iter().any(|at| *at as usize == *it);
         let unreadable: Vec<usize> = (0..kept.len()).filter(|it| is_unreadable(&kept[*it])).collect();
         let min_contrast = self.settings.min_contrast;
         let found = examine(&code, &views, &unreadable, min_contrast);
+        // Of a set in another order these are others of its pictures than the finest.
+        if kept.len() < all_views.len() && !found.faults.is_empty() {
+            let unreadable: Vec<usize> = (0..all_views.len()).filter(is_unreadable).collect();
+            let whole = examine(&told_code, &all_views, &unreadable, min_contrast);
+            let is_other = |it: &&SetFault| matches!(it, SetFault::OtherOrder { .. });
+            if let Some(other) = whole.faults.iter().find(is_other) {
+                return Err(one(other.describe(&told_code, &|it| format!("`{}`", set.names[it]))));
+            }
+        }
         // What crept far looks like a scene that changed.
         let early = if has_moved(&found) { crept(&code, &views, min_contrast) } else { None };
         let (views, found) = match &early {

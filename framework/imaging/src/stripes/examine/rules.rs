@@ -1,5 +1,7 @@
 //! What a Gray code promises of the pictures of a set, held against them.
 
+use std::collections::BTreeMap;
+
 use super::super::code::{Axis, Inverse, Shown, StripeCode};
 use super::super::faults::{Found, SetFault};
 use super::super::identify::Samples;
@@ -14,6 +16,10 @@ use crate::ImageView;
 /// Of exchanges of phase steps that waves do not tell apart, the stripes agree with the right one, and with others less by this factor [–].
 const AGREES_LESS: f64 = 0.85;
 
+/// A bit's picture is all bright (dark) that is not in less than this part of the pixels [–].
+const NO_STRIPES: f64 = 0.05;
+/// Coarser bits say what this part of the pixels and more have of them [–].
+const SOME_STRIPES: f64 = 0.02;
 /// A pixel: its place, its bits, and those of them that are certain.
 type Read = (usize, u32, u32);
 
@@ -79,6 +85,10 @@ impl Set<'_> {
                 found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
             }
         }
+        let is_named = |picture: usize, found: &[(usize, SetFault)]| found.iter().any(|it| it.0 == picture);
+        let flat: Vec<(usize, SetFault)> =
+            self.bits_without_stripes().into_iter().filter(|it| !is_named(it.0, &found)).collect();
+        found.extend(flat);
         let flat = self.steps_without_a_wave().into_iter().filter(|it| !found.iter().any(|named| named.0 == it.0));
         found.extend(flat.collect::<Vec<_>>());
         found
@@ -92,6 +102,44 @@ impl Set<'_> {
         };
         self.share(|&(at, low, high)| beyond(self.level(picture, at), low, high)) > BROKEN
             && self.share(|&(at, low, high)| beyond(255.0 - self.level(picture, at), low, high)) < 0.5 * BROKEN
+    }
+
+    /// Bits that are all bright or all dark and cannot be, in a set without inverse pictures: with these, pairs tell it. Where a coarser bit changes, the next finer one is 1; and where it changes twice, there is all
+    /// that lies between.
+    fn bits_without_stripes(&self) -> Vec<(usize, SetFault)> {
+        if self.code.inverse != Inverse::None {
+            return Vec::new();
+        }
+        let of_axis = |axis: Axis| {
+            let mut faults = Vec::new();
+            // What the coarser bits say of each pixel.
+            let (mut words, mut n_words) = (vec![0_u32; self.lit.len()], 0);
+            for plane in 0..self.code.bits[axis.index()] {
+                let expected = Shown::Bit { axis, plane, inverse: false };
+                let Some(picture) = self.place(expected).filter(|it| !self.skipped.contains(it)) else { continue };
+                let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+                words.iter().for_each(|it| *counts.entry(*it).or_default() += 1);
+                let n_common = counts.values().filter(|it| **it as f64 > SOME_STRIPES * words.len() as f64).count();
+                // Of finer bits words are too many for each to be common.
+                n_words = n_words.max(n_common);
+                let is_flat = |shown| self.not_flat(picture, shown) < NO_STRIPES;
+                let shows = match n_words {
+                    0 | 1 => None,
+                    2 => Some(Shown::Black).filter(|it| is_flat(*it)),
+                    _ => [Shown::White, Shown::Black].into_iter().find(|it| is_flat(*it)),
+                };
+                if let Some(shows) = shows {
+                    faults.push((picture, SetFault::Shows { picture, found: Found::Shown(shows), expected }));
+                    continue;
+                }
+                for (word, (at, low, high)) in words.iter_mut().zip(self.lit) {
+                    let is_lit = 2.0 * self.level(picture, *at) > f64::from(*low) + f64::from(*high);
+                    *word = *word << 1 | u32::from(is_lit);
+                }
+            }
+            faults
+        };
+        Axis::BOTH.into_iter().filter(|it| self.code.has(*it)).flat_map(of_axis).collect()
     }
 
     /// Phase steps that are all bright or all dark, where most are not.

@@ -52,7 +52,11 @@ pub(super) fn of_one_scene(set: &Set<'_>) -> Option<(Vec<usize>, Vec<SetFault>)>
     };
     let used: Vec<usize> = (0..set.shown.len()).filter(|it| !set.skipped.contains(it)).filter(is_used).collect();
     let ends = [*like.first()?, used.last().copied()?];
-    let moved = |[last, first]: &[usize; 2]| SetFault::Moved { last: *last, first: *first, used: ends, light: None };
+    let unused = |it: &usize| !used.contains(it) && !set.skipped.contains(it);
+    let between: Vec<usize> = (ends[0]..=ends[1]).filter(unused).collect();
+    let but = between.first().zip(between.last()).map(|(first, last)| [*first, *last]);
+    let moved =
+        |[last, first]: &[usize; 2]| SetFault::Moved { last: *last, first: *first, used: ends, but, light: None };
     let faults = changes.iter().map(moved).collect();
     Some((used, faults))
 }

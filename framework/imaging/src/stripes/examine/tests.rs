@@ -1,6 +1,7 @@
 //! What `examine` promises, tried.
 
 use super::super::code::{Group, Inverse};
+use super::super::faults::Found;
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
@@ -424,6 +425,29 @@ fn which_axis_is_which_is_told_by_the_looks_of_stripes_where_both_have_as_many_b
     let [fault @ SetFault::OtherOrder { .. }] = &found.faults[..] else { panic!("{:?}", found.faults) };
     assert!(fault.describe(&code, &|_| String::new()).contains("order = \"rows columns white black\""), "{fault:?}");
     assert_eq!((examined(&pictures).faults, found.usable(&code)), (vec![], vec![]));
+}
+
+#[test]
+fn a_black_or_white_picture_in_a_set_without_inverse_pictures_is_named_and_the_other_axis_kept() {
+    let code = StripeCode { inverse: Inverse::None, ..wall_code() };
+    let whole = wall(1).pictures(&code);
+    for seed in 1..=3 {
+        for (axis, plane) in [Axis::Columns, Axis::Rows].into_iter().flat_map(|axis| (2..6).map(move |it| (axis, it))) {
+            for as_shown in [Shown::White, Shown::Black] {
+                let mut pictures = wall(seed).pictures(&code);
+                let place = code.place(Shown::Bit { axis, plane, inverse: false }).unwrap();
+                pictures[place].clone_from(&whole[code.place(as_shown).unwrap()]);
+                let found = examined(&code, &pictures);
+                let about = format!("seed {seed}, bit {plane} of {axis:?} {as_shown}: {:?}", found.faults);
+                let is_it = |it: &SetFault| matches!(it, SetFault::Shows { picture, found: Found::Shown(it), .. } if *picture == place && *it == as_shown);
+                assert!(found.faults.iter().any(is_it), "{about}");
+                assert!(found.usable(&code).contains(&Axis::BOTH[1 - axis.index()]), "{about}");
+                let is_whole = found.usable(&code).contains(&axis);
+                let is_worked_out = found.faults.iter().any(|it| matches!(it, SetFault::Unfolded { .. }));
+                assert!(!is_whole || is_worked_out, "{about}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -155,16 +155,21 @@ impl SetFault {
             SetFault::Unsteady { by } => format!(
                 "the light of the room differs from picture to picture, by up to {by:.0} gray levels from their mean, expected one light for the whole set: the difference is taken off by calculation"
             ),
-            SetFault::Moved { last, first, used: [from, until], light } => {
+            SetFault::Moved { last, first, used: [from, until], but, light } => {
                 let what = light
-                    .map_or_else(|| "something moved: what is seen, the camera or the projector".to_owned(), switched);
+                    .map_or_else(|| "something moved, what is seen, the camera or the projector, or one of the pictures is a negative, of another exposure or of another light".to_owned(), switched);
                 let after = if light.is_none() && from >= first {
                     "; if it was the camera or the projector, it no longer stands as it was calibrated, and all depths are off"
                 } else {
                     ""
                 };
+                let but = match but {
+                    Some([a, b]) if a == b => format!(" but for {}", name(*a)),
+                    Some([a, b]) => format!(" but for some from {} to {}", name(*a), name(*b)),
+                    None => String::new(),
+                };
                 format!(
-                    "between {} and {} {what}. {} to {} are used, which show one scene, and no other picture{after}",
+                    "between {} and {} {what}. {} to {} are used{but}, which show one scene, and no other picture{after}",
                     name(*last),
                     name(*first),
                     name(*from),
