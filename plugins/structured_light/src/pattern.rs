@@ -182,7 +182,8 @@ impl PatternSettings {
     pub(crate) fn differences(&self, other: &PatternSettings) -> Vec<String> {
         let tables = [self, other].map(|it| toml::Table::try_from(it).unwrap_or_default());
         let one = |(key, value): (&String, &toml::Value)| {
-            let theirs = tables[1].get(key).filter(|it| *it != value)?;
+            let is_stated = key != "projector_px" || other.projector_px != [0, 0];
+            let theirs = tables[1].get(key).filter(|it| *it != value && is_stated)?;
             Some(format!("{key} = {value} rather than {theirs}"))
         };
         tables[0].iter().filter_map(one).collect()

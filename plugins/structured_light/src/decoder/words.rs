@@ -131,7 +131,7 @@ pub(super) fn steps_in_words(axis: Axis, steps: Steps) -> Option<String> {
             Some(format!(
                 "the phase steps of the {axis} {way} and begin {:.2} of a period elsewhere, expected step k of n ahead by k / n of a period, or two of them are exchanged: coordinates allow for it, by the Gray code \
                  below them",
-                ((100.0 * ahead).round() / 100.0).rem_euclid(1.0)
+                ((100.0 * ahead).round() / 100.0).rem_euclid(1.0) + 0.0
             ))
         }
         Steps::NoWay => Some(format!(
