@@ -417,8 +417,11 @@ fn at_first_sight(
     let few = set(&lit);
     let layouts = Layouts::of(&few);
     let is_beyond = |it: &SetFault| matches!(it, SetFault::OutOfRange { .. });
+    // What keeps the code's promises is not what is wrong.
+    let sound = all.sound_axes(&faults);
+    let is_accused = |it: &SetFault| it.axes().is_some_and(|axes| axes.iter().any(|it| sound.contains(it)));
     if !faults.iter().any(is_beyond)
-        && let Some(slip) = layouts.one_slip()
+        && let Some(slip) = layouts.one_slip().filter(|it| !it.faults.iter().any(is_accused))
     {
         found.take(slip, &all.skipped);
         return (found, lit);
@@ -456,6 +459,7 @@ fn at_first_sight(
     }
     match explained {
         Some(mut explained) => {
+            sound.iter().for_each(|it| explained.clear(*it, &shown));
             // Pictures in each other's places are taken for each other where the set is sound so.
             let put_right: Option<Vec<ImageView<'_>>> =
                 explained.places.iter().map(|it| Some(pictures[(*it)?])).collect();

@@ -21,6 +21,22 @@ pub(super) struct Explained {
 }
 
 impl Explained {
+    /// Without what is said of the pictures of an axis that keeps what the code promises, in a set with all its pictures: these stand where they should.
+    pub(super) fn clear(&mut self, axis: Axis, shown: &[Shown]) {
+        let is_of = |place: usize| shown.get(place).and_then(Shown::axis) == Some(axis);
+        self.faults.retain(|it| match it {
+            SetFault::Extra { picture, .. } => !is_of(*picture),
+            _ => it.axes().is_none_or(|axes| axes.iter().any(|it| *it != axis)),
+        });
+        for (place, picture) in self.places.iter_mut().enumerate() {
+            match is_of(place) {
+                true => *picture = Some(place),
+                false => *picture = picture.filter(|it| !is_of(*it)),
+            }
+        }
+        self.unsure.retain(|it| it.0 != axis);
+    }
+
     /// Whether the same pictures lack and nothing else is wrong, but for what is sure of them.
     pub(super) fn says_the_same(&self, other: &Explained) -> bool {
         let one = |fault: &SetFault| match fault {

@@ -318,6 +318,32 @@ impl fmt::Display for Found {
 }
 
 impl SetFault {
+    /// The axes whose pictures it is about; `None` of what concerns white, black or the whole set.
+    pub(super) fn axes(&self) -> Option<Vec<Axis>> {
+        let of =
+            |shown: &[Shown]| Some(shown.iter().filter_map(Shown::axis).collect()).filter(|it: &Vec<_>| !it.is_empty());
+        match self {
+            SetFault::Missing { shown, .. }
+            | SetFault::Shows { expected: shown, .. }
+            | SetFault::NotInverse { shown, .. }
+            | SetFault::OtherScene { shown, .. } => of(&[*shown]),
+            SetFault::Doubled { expected: Some(shown), .. } | SetFault::Extra { shown: Some(shown), .. } => {
+                of(&[*shown])
+            }
+            SetFault::Exchanged { expected, .. } => of(expected),
+            SetFault::MissingBits { axis, .. }
+            | SetFault::ByWay { axis, .. }
+            | SetFault::ByWidth { axis, .. }
+            | SetFault::Unfolded { axis, .. }
+            | SetFault::MissingSteps { axis, .. }
+            | SetFault::NoAxis { axis, .. }
+            | SetFault::Inverted { axis, .. }
+            | SetFault::OutOfPlace { axis, .. }
+            | SetFault::OutOfRange { axis, .. } => Some(vec![*axis]),
+            _ => None,
+        }
+    }
+
     /// Whether this axis cannot be decoded because of it; `needs_white` where nothing but white and black says what is lit.
     pub fn spoils(&self, axis: Axis, needs_white: bool) -> bool {
         let is_of = |shown: &Shown| shown.axis() == Some(axis);

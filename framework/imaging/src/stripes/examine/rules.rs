@@ -265,6 +265,28 @@ impl Set<'_> {
         faults
     }
 
+    /// Axes of which nothing is broken although much is told of them, where all that is broken concerns the other.
+    pub(super) fn sound_axes(&self, faults: &[SetFault]) -> Vec<Axis> {
+        let axes = |it: &SetFault| {
+            let mut axes = it.axes()?;
+            if let SetFault::Doubled { same_as, .. } = it {
+                axes.extend(self.shown[*same_as].axis());
+            }
+            Some(axes)
+        };
+        let broken: Option<Vec<Vec<Axis>>> = faults.iter().map(axes).collect();
+        let Some(broken) = broken else { return Vec::new() };
+        let is_told = |axis: Axis| 2 * self.n_told(axis) >= self.code.bits[axis.index()] as usize;
+        let has_all = |axis: Axis| {
+            let mut of_axis = self.shown.iter().enumerate().filter(|it| it.1.axis() == Some(axis));
+            of_axis.all(|it| !self.skipped.contains(&it.0))
+        };
+        let is_sound = |axis: &Axis| {
+            self.code.has(*axis) && !broken.iter().flatten().any(|it| it == axis) && has_all(*axis) && is_told(*axis)
+        };
+        Axis::BOTH.into_iter().filter(is_sound).collect()
+    }
+
     /// The first picture that is not the inverse of the one it would be paired with.
     pub(super) fn first_unpaired(&self) -> Option<usize> {
         let is_bit = |it: &Shown| matches!(it, Shown::Bit { .. });

@@ -451,6 +451,38 @@ fn a_black_or_white_picture_in_a_set_without_inverse_pictures_is_named_and_the_o
 }
 
 #[test]
+fn what_is_wrong_with_one_axis_accuses_no_picture_of_the_other() {
+    // A frame that was dropped, a bit inverted, two bits in each other's places; stripes that are hardly resolved.
+    let cases = [(Inverse::None, 1, 2), (Inverse::None, 2, 5), (Inverse::After, 3, 4)];
+    for (inverse, seed, plane) in cases {
+        let code = StripeCode { inverse, ..wall_code() };
+        let whole = Scene { blur: 1.3, ..wall(seed) }.pictures(&code);
+        let [white, black] = [Shown::White, Shown::Black].map(|it| &whole[code.place(it).unwrap()]);
+        for axis in Axis::BOTH {
+            let other = Axis::BOTH[1 - axis.index()];
+            let place = |plane| code.place(Shown::Bit { axis, plane, inverse: false }).unwrap();
+            let [at, before] = [place(plane), place(plane - 1)];
+            let levels = whole[at].iter().zip(white).zip(black);
+            let turned = levels.map(|((it, white), black)| white.saturating_sub(*it).saturating_add(*black)).collect();
+            let changes: [Vec<(usize, Vec<u8>)>; 3] = [
+                vec![(at, whole[before].clone())],
+                vec![(at, turned)],
+                vec![(at, whole[before].clone()), (before, whole[at].clone())],
+            ];
+            for (change, others) in changes.into_iter().enumerate() {
+                let mut pictures = whole.clone();
+                others.into_iter().for_each(|(at, picture)| pictures[at] = picture);
+                let found = examined(&code, &pictures);
+                let about = format!("{inverse:?}, seed {seed}, {axis:?} {plane}, change {change}: {:?}", found.faults);
+                let accused = |it: &SetFault| it.axes().is_some_and(|it| it.contains(&other));
+                assert!(!found.faults.is_empty() && !found.faults.iter().any(accused), "{about}");
+                assert!(found.usable(&code).contains(&other), "{about}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
     let alone = StripeCode { inverse: Inverse::None, ..wall_code() };
     let found = examined(&wall_code(), &wall(1).pictures(&alone));
