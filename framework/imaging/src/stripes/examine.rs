@@ -254,7 +254,10 @@ fn at_first_sight(
         return (found, lit);
     }
     let reached = (NOISE_RANGE * found.noise).max(REACHED);
-    let reached = lit_of(&samples, &ranges, reached).len() as f64 / samples.len() as f64;
+    let by_all = lit_of(&samples, &ranges, reached).len() as f64 / samples.len() as f64;
+    // A light of the room that changes reaches more than the projector does, but not between white and black.
+    let reached =
+        by_white(code, pictures, absent, &samples, reached).map_or(by_all, |it| it.max(found.lit).min(by_all));
     let is_dim = found.lit < DIM * reached;
     if is_dim {
         found.faults.push(SetFault::Dim { lit: found.lit, reached, needed });
@@ -501,6 +504,20 @@ fn at_first_sight(
         }
     }
     (found, lit)
+}
+
+/// Part of the pixels in which white is brighter than black by this and more [gray levels], in a set with all its pictures.
+fn by_white(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    samples: &[usize],
+    least: f64,
+) -> Option<f64> {
+    let place = |shown| code.place(shown).filter(|it| !absent.contains(it) && pictures.len() == code.pictures().len());
+    let [white, black] = [place(Shown::White)?, place(Shown::Black)?].map(|it| pictures[it].pixels());
+    let n = samples.iter().filter(|it| f64::from(white[**it]) - f64::from(black[**it]) >= least).count();
+    Some(n as f64 / samples.len().max(1) as f64)
 }
 
 impl Examination {

@@ -193,6 +193,23 @@ fn a_dim_set_is_told() {
     check(|it| it.iter_mut().flatten().for_each(|it| *it /= 12), &["too dark: a longer exposure"], &Axis::BOTH);
 }
 
+#[test]
+fn a_light_of_the_room_that_changes_is_no_want_of_light() {
+    // It reaches the whole picture, the projector a third of it.
+    for inverse in [Inverse::None, Inverse::After] {
+        let code = StripeCode { inverse, ..wall_code() };
+        for seed in 1..=3 {
+            let mut pictures = Scene { shadow: |x, _| x > 55.0, ..wall(seed) }.pictures(&code);
+            for (at, picture) in pictures.iter_mut().enumerate() {
+                picture.iter_mut().for_each(|it| *it = it.saturating_add(at as u8));
+            }
+            let found = examined(&code, &pictures);
+            let is_dim = |it: &SetFault| matches!(it, SetFault::Dim { .. });
+            assert!(!found.faults.iter().any(is_dim), "{inverse:?}, seed {seed}: {:?}", found.faults);
+        }
+    }
+}
+
 /// The wall, moved to the side and nearer.
 fn moved_wall(seed: u64) -> Vec<Vec<u8>> {
     let moved = Scene {
