@@ -57,7 +57,7 @@ pub struct CarverSettings {
     #[schemars(range(min = 0, max = 255))]
     pub min_views: usize,
     /// Part of the views that may have lost a piece of the body: where several other views show body that no voxel covers, voxels are kept that so many views deny. Where silhouettes fit
-    /// each other nothing is added. 0: no view may [–]
+    /// each other nothing is added. Of six views and more, up to a third may where half of the others ask for it. 0: no view may [–]
     #[schemars(range(min = 0.0, max = 0.5))]
     pub may_lose: f64,
     /// Pieces that hang together and hold less than this are left out. Left out: those below a litre and below a twentieth of the largest [l]

@@ -37,7 +37,7 @@ impl Rule {
         Self { may_lose, asking: 2, asking_share: [1.0 / 3.0, 0.0] }
     }
 
-    /// Of up to a third of `n_views`, what most of the others ask for: with every view that may deny, a hull grows, and so does the chance that ghosts agree. `None` of fewer than six views.
+    /// Of up to a third of `n_views`, what half of those that call it body ask for, which are three at least: with every view that may deny, a hull grows, and so does the chance that ghosts agree. `None` of fewer than six views.
     pub fn many(n_views: usize) -> Option<Self> {
         (n_views >= 6).then_some(Self { may_lose: n_views / 3, asking: 3, asking_share: [0.5, 0.375] })
     }

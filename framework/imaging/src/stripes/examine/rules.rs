@@ -85,12 +85,9 @@ impl Set<'_> {
                 found.push((picture, SetFault::Exposed { picture, shown: *shown, factor }));
             }
         }
-        let is_named = |picture: usize, found: &[(usize, SetFault)]| found.iter().any(|it| it.0 == picture);
-        let flat: Vec<(usize, SetFault)> =
-            self.bits_without_stripes().into_iter().filter(|it| !is_named(it.0, &found)).collect();
+        let flat = self.bits_without_stripes().into_iter().chain(self.steps_without_a_wave());
+        let flat: Vec<(usize, SetFault)> = flat.filter(|it| !found.iter().any(|named| named.0 == it.0)).collect();
         found.extend(flat);
-        let flat = self.steps_without_a_wave().into_iter().filter(|it| !found.iter().any(|named| named.0 == it.0));
-        found.extend(flat.collect::<Vec<_>>());
         found
     }
 

@@ -1,10 +1,10 @@
 //! What `examine` promises, tried.
 
 use super::super::code::{Group, Inverse};
-use super::super::faults::Found;
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
+mod one_axis;
 mod steps;
 
 pub(super) const MIN_CONTRAST: u8 = 12;
@@ -445,77 +445,11 @@ fn which_axis_is_which_is_told_by_the_looks_of_stripes_where_both_have_as_many_b
 }
 
 #[test]
-fn a_black_or_white_picture_in_a_set_without_inverse_pictures_is_named_and_the_other_axis_kept() {
-    let code = StripeCode { inverse: Inverse::None, ..wall_code() };
-    let whole = wall(1).pictures(&code);
-    for seed in 1..=3 {
-        for (axis, plane) in [Axis::Columns, Axis::Rows].into_iter().flat_map(|axis| (2..6).map(move |it| (axis, it))) {
-            for as_shown in [Shown::White, Shown::Black] {
-                let mut pictures = wall(seed).pictures(&code);
-                let place = code.place(Shown::Bit { axis, plane, inverse: false }).unwrap();
-                pictures[place].clone_from(&whole[code.place(as_shown).unwrap()]);
-                let found = examined(&code, &pictures);
-                let about = format!("seed {seed}, bit {plane} of {axis:?} {as_shown}: {:?}", found.faults);
-                let is_it = |it: &SetFault| matches!(it, SetFault::Shows { picture, found: Found::Shown(it), .. } if *picture == place && *it == as_shown);
-                assert!(found.faults.iter().any(is_it), "{about}");
-                assert!(found.usable(&code).contains(&Axis::BOTH[1 - axis.index()]), "{about}");
-                let is_whole = found.usable(&code).contains(&axis);
-                let is_worked_out = found.faults.iter().any(|it| matches!(it, SetFault::Unfolded { .. }));
-                assert!(!is_whole || is_worked_out, "{about}");
-            }
-        }
-    }
-}
-
-#[test]
-fn what_is_wrong_with_one_axis_accuses_no_picture_of_the_other() {
-    // A frame that was dropped, a bit inverted, two bits in each other's places; stripes that are hardly resolved.
-    let cases = [(Inverse::None, 1, 2), (Inverse::None, 2, 5), (Inverse::After, 3, 4)];
-    for (inverse, seed, plane) in cases {
-        let code = StripeCode { inverse, ..wall_code() };
-        let whole = Scene { blur: 1.3, ..wall(seed) }.pictures(&code);
-        let [white, black] = [Shown::White, Shown::Black].map(|it| &whole[code.place(it).unwrap()]);
-        for axis in Axis::BOTH {
-            let other = Axis::BOTH[1 - axis.index()];
-            let place = |plane| code.place(Shown::Bit { axis, plane, inverse: false }).unwrap();
-            let [at, before] = [place(plane), place(plane - 1)];
-            let levels = whole[at].iter().zip(white).zip(black);
-            let turned = levels.map(|((it, white), black)| white.saturating_sub(*it).saturating_add(*black)).collect();
-            let changes: [Vec<(usize, Vec<u8>)>; 3] = [
-                vec![(at, whole[before].clone())],
-                vec![(at, turned)],
-                vec![(at, whole[before].clone()), (before, whole[at].clone())],
-            ];
-            for (change, others) in changes.into_iter().enumerate() {
-                let mut pictures = whole.clone();
-                others.into_iter().for_each(|(at, picture)| pictures[at] = picture);
-                let found = examined(&code, &pictures);
-                let about = format!("{inverse:?}, seed {seed}, {axis:?} {plane}, change {change}: {:?}", found.faults);
-                let accused = |it: &SetFault| it.axes().is_some_and(|it| it.contains(&other));
-                assert!(!found.faults.is_empty() && !found.faults.iter().any(accused), "{about}");
-                assert!(found.usable(&code).contains(&other), "{about}");
-            }
-        }
-    }
-}
-
-#[test]
 fn a_set_without_inverse_pictures_is_told_the_setting_that_it_needs() {
     let alone = StripeCode { inverse: Inverse::None, ..wall_code() };
     let found = examined(&wall_code(), &wall(1).pictures(&alone));
     let [fault @ SetFault::OtherOrder { .. }] = &found.faults[..] else { panic!("{:?}", found.faults) };
     assert!(fault.describe(&wall_code(), &|_| String::new()).contains("inverse = \"none\""), "{fault:?}");
-}
-
-#[test]
-fn many_bits_out_of_place_spoil_both_axes_and_few_their_own() {
-    let usable = |n: u32| {
-        let fault = SetFault::OutOfPlace { axis: Axis::Columns, planes: (1..=n).collect() };
-        let places = (0..wall_code().pictures().len()).map(Some).collect();
-        Examination { faults: vec![fault], places, ..Examination::default() }.usable(&wall_code())
-    };
-    assert_eq!(usable(4), [Axis::Rows]);
-    assert_eq!(usable(5), []);
 }
 
 #[test]
