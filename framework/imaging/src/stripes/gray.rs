@@ -236,17 +236,23 @@ impl<'a> Plan<'a> {
                 block.of_axis(axis, self, at, n);
                 let out = &mut stripes[axis.index][index * BLOCK..][..n];
                 block.finish(axis, out);
+                if axis.dark_is_none {
+                    block.mark_dark(n);
+                }
             }
             let least = self.options.min_contrast;
             // Direct light is judged by the stripes of both axes, so last.
             let share = (self.options.min_direct * 256.0) as u16;
             for axis in &self.axes {
                 let out = &mut stripes[axis.index][index * BLOCK..][..n];
-                let seen = block.contrast[..n].iter().zip(&block.direct[..n]).zip(&block.dark[..n]);
-                for (out, ((contrast, direct), dark)) in out.iter_mut().zip(seen) {
+                for ((out, contrast), direct) in out.iter_mut().zip(&block.contrast[..n]).zip(&block.direct[..n]) {
                     let is_direct = u16::from(*direct) << 8 >= share.wrapping_mul(u16::from(*contrast));
-                    let good = is_direct & (*contrast >= least) & (*dark == 0);
+                    let good = is_direct & (*contrast >= least);
                     *out |= u16::from(!good).wrapping_neg();
+                }
+                if self.axes.iter().any(|it| it.dark_is_none) {
+                    let dark = out.iter_mut().zip(&block.dark).filter(|it| *it.1 > 0);
+                    dark.for_each(|it| *it.0 = NONE);
                 }
             }
         }
@@ -328,14 +334,21 @@ impl Block {
         }
     }
 
+    /// Marks pixels all of whose bits are dark.
+    fn mark_dark(&mut self, n: usize) {
+        let [high, low] = &self.number;
+        for ((dark, high), low) in self.dark[..n].iter_mut().zip(high).zip(low) {
+            *dark |= u8::from(high | low == 0);
+        }
+    }
+
     /// The stripes of the block, [`NONE`] where a bit is not certain and not one of two neighbours.
-    fn finish(&mut self, axis: &AxisPlan<'_>, out: &mut [u16]) {
+    fn finish(&self, axis: &AxisPlan<'_>, out: &mut [u16]) {
         let n = out.len();
         let (first, n_stripes) = (axis.first, axis.n_stripes);
         let number = self.number[0][..n].iter().zip(&self.number[1][..n]);
         let open = self.open[0][..n].iter().zip(&self.open[1][..n]);
-        let dark = self.dark[..n].iter_mut();
-        for (((out, (high, low)), (open_high, open_low)), dark) in out.iter_mut().zip(number).zip(open).zip(dark) {
+        for ((out, (high, low)), (open_high, open_low)) in out.iter_mut().zip(number).zip(open) {
             let number = u16::from(*high) << 8 | u16::from(*low);
             let open = u16::from(*open_high) << 8 | u16::from(*open_low);
             // A bit of the Gray code turns all bits from there on: 0111 and 1000 are neighbours.
@@ -345,7 +358,6 @@ impl Block {
             let is_boundary = (tail == below) | (tail == open);
             let stripe = number.wrapping_sub(first);
             let good = ((open == 0) | (is_one & is_boundary)) & (stripe < n_stripes);
-            *dark |= u8::from(axis.dark_is_none & (number == 0));
             *out = stripe | u16::from(!good).wrapping_neg();
         }
     }
