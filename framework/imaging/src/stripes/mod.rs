@@ -14,6 +14,7 @@
 //! | [`faults`] | how that is said |
 //! | [`finest`] | stripes that are finer than the camera resolves |
 //! | [`noise`] | how noisy a picture is |
+//! | [`ordering`] | places where columns or rows run backwards: something moved |
 //! | [`response`] | the camera's response, where gray levels are not proportional to light |
 //!
 //! Projector coordinates: (0, 0) is the centre of the projector's top-left pixel; column `c` reaches from `c − ½` to `c + ½`.
@@ -37,6 +38,7 @@ pub mod finest;
 pub mod gray;
 mod identify;
 pub mod noise;
+pub mod ordering;
 pub mod pattern;
 pub mod phase;
 pub mod response;

@@ -8,6 +8,7 @@ use foveate::imaging::stripes::drift::drift;
 use foveate::imaging::stripes::ends::leave_out_soft_ends;
 use foveate::imaging::stripes::finest::TooFine;
 use foveate::imaging::stripes::gray::DecodeOptions;
+use foveate::imaging::stripes::ordering::leave_out_backwards;
 use foveate::imaging::stripes::steady::Steadied;
 use foveate::imaging::stripes::{Prepared, SetFault, edges, examine, response};
 use foveate::prelude::*;
@@ -16,8 +17,8 @@ use super::Decoder;
 use super::creep::{crept, has_moved};
 use super::levels::coarser;
 use super::words::{
-    crept_in_words, exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words, out_of_focus_in_words,
-    soft_in_words, steps_in_words, too_fine_in_words,
+    backwards_in_words, crept_in_words, exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words,
+    out_of_focus_in_words, soft_in_words, steps_in_words, too_fine_in_words,
 };
 use crate::moved::Blocks;
 
@@ -193,6 +194,8 @@ impl Decoder {
             let of_stripes = edges::stripe_blur(&code, &views, &self.decoded, axis, values).ok().flatten();
             soft_in_words(axis, soft[axis.index()], of_stripes)
         }));
+        let backwards = leave_out_backwards(&mut coordinates);
+        faults.extend(Axis::BOTH.into_iter().filter_map(|it| backwards_in_words(it, backwards[it.index()])));
         faults.extend(too_fine_in_words(&told_code, &whole, &in_parts, filled));
         faults.extend(out_of_focus_in_words(coordinates.blur));
         if let Some(drift) = &drift {

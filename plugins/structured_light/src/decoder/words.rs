@@ -10,6 +10,8 @@ use foveate::imaging::stripes::steady::Steadied;
 const TOLD_SHARE: f64 = 0.5;
 /// … and where coarser stripes told more than this part of what the projector lights [–].
 const TOLD_FILLED: f64 = 0.15;
+/// Coordinates that run backwards are told where they are more than this part of all [–].
+const TOLD_BACKWARDS: f64 = 1e-3;
 /// A camera that blurs by more than this is told to be out of focus, standard deviation [px].
 const OUT_OF_FOCUS: f64 = 1.2;
 /// And a projector whose light fades at the ends of its picture by more than this [projector px].
@@ -30,27 +32,44 @@ pub(super) fn too_fine_in_words(
     in_parts: &TooFine,
     filled: [f64; 2],
 ) -> Vec<String> {
-    let one = |axis: Axis| {
-        let at = axis.index();
-        let dropped = whole.overall()[at];
-        let help = "a camera that is sharper, closer or has more pixels, and a projector that is in focus, would show more detail";
-        if dropped > 0 {
-            return Some(format!(
-                "stripes of {} of the {} are finer than the camera resolves: the coarser ones are used, and places between their boundaries are interpolated; {help}",
-                finest(code.bits[at], dropped),
-                axis.in_words()
-            ));
-        }
-        let share = if in_parts.share(axis) > TOLD_SHARE { in_parts.share(axis) } else { filled[at] };
+    let axes = || Axis::BOTH.into_iter().filter(|it| code.has(*it));
+    let dropped = |axis: Axis| whole.overall()[axis.index()];
+    let everywhere = axes().filter(|it| dropped(*it) > 0).map(|axis| {
+        format!("stripes of {} of the {}", finest(code.bits[axis.index()], dropped(axis)), axis.in_words())
+    });
+    let in_parts = axes().filter(|it| dropped(*it) == 0).filter_map(|axis| {
+        let filled = filled[axis.index()];
+        let share = if in_parts.share(axis) > TOLD_SHARE { in_parts.share(axis) } else { filled };
         (share > TOLD_FILLED).then(|| {
             format!(
-                "in {:.0} % of what the projector lights, the finest stripes of the {} are finer than the camera resolves: coarser ones are used there; {help}",
+                "in {:.0} % of what the projector lights, the finest stripes of the {}",
                 100.0 * share,
                 axis.in_words()
             )
         })
-    };
-    Axis::BOTH.into_iter().filter(|it| code.has(*it)).filter_map(one).collect()
+    });
+    let [everywhere, in_parts] = [everywhere.collect::<Vec<_>>(), in_parts.collect()].map(|it| it.join(", and "));
+    let instead = [
+        (everywhere, "the coarser ones are used, and places between their boundaries are interpolated"),
+        (in_parts, "coarser ones are used there"),
+    ];
+    let help =
+        "a camera that is sharper, closer or has more pixels, and a projector that is in focus, would show more detail";
+    let told = instead.into_iter().filter(|it| !it.0.is_empty());
+    told.map(|(which, instead)| format!("{which} are finer than the camera resolves: {instead}; {help}")).collect()
+}
+
+/// What is said where part of the coordinates of an axis ran backwards.
+pub(super) fn backwards_in_words(axis: Axis, part: f64) -> Option<String> {
+    (part > TOLD_BACKWARDS).then(|| {
+        format!(
+            "{:.1} % of the {}' coordinates are left out: in or beside these places the {} run backwards, as they do on no surface. Something moved during the set, or a mirror shows the stripes again; what moved and kept \
+             their order is decoded wrong",
+            100.0 * part,
+            axis.in_words(),
+            axis.in_words()
+        )
+    })
 }
 
 /// What is said of an axis of `bits` bits whose finest ones, so many, are not there.
