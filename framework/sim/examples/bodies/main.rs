@@ -12,7 +12,7 @@ use foveate_estimation::random::Random;
 use foveate_geometry::body::field::ENDLESS;
 use foveate_geometry::body::{BodyTracker, Joint, JointSource, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
-use foveate_sim::person::{Person, Pose, WholeBody};
+use foveate_sim::person::{Person, Pose, Told, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
 
 mod growth;
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for seed in first..first + people {
         let file = &files[seed as usize % files.len()];
         let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(file)?)?;
-        let body = Arc::new(WholeBody::new(&motion, None, [1.6, 1.6])?);
+        let body = Arc::new(WholeBody::new(&motion, Told::default(), [1.6, 1.6])?);
         let mut random = Random::new(1000 + seed);
         let person = Person::whole(Arc::clone(&body), Vector2::zeros(), &mut random);
         let girth = random.uniform_in(0.9, 1.25);

@@ -8,7 +8,7 @@ use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Rep
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
-use crate::person::{RecordedBody, WholeBody};
+use crate::person::{RecordedBody, Told, WholeBody};
 use crate::studio::{ArmSettings, StudioSettings};
 use crate::truth::Truth;
 use crate::world::{
@@ -272,16 +272,16 @@ fn read_bodies(scene: &SceneSettings, setup: &Setup) -> Result<(Vec<Body>, Optio
         bodies.push(match body.motion {
             BodyMotion::Limbs => Body::Limbs(Arc::new(RecordedBody::new(&motion).map_err(fault)?)),
             BodyMotion::Whole => {
-                let unit_m = Some(body.unit_m).filter(|it| *it > 0.0);
-                let whole = WholeBody::new(&motion, unit_m, scene.part_of_area_m()).map_err(fault)?;
-                let guess = if whole.is_of_unknown_size() { " since no unit in use makes a person of it" } else { "" };
-                words += &format!(" ({:.2} m tall{guess})", whole.stature_m());
+                let told = Told { unit_m: Some(body.unit_m).filter(|it| *it > 0.0), up: body.up.axis() };
+                let whole = WholeBody::new(&motion, told, scene.part_of_area_m()).map_err(fault)?;
+                words += &format!(" ({})", whole.notes().join("; "));
                 Body::Whole(Arc::new(whole))
             }
         });
         said.push(words);
     }
-    Ok((bodies, Some(format!("the people's bodies move as in {}", said.join(", ")))))
+    let is_anybody = scene.people > 0 && !said.is_empty();
+    Ok((bodies, is_anybody.then(|| format!("the people's bodies move as in {}", said.join(", ")))))
 }
 
 impl Lab {

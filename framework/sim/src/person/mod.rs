@@ -16,6 +16,7 @@ mod skeleton;
 mod stage;
 #[cfg(test)]
 mod sticks;
+mod upright;
 mod visit;
 mod walk;
 mod whole;
@@ -35,7 +36,7 @@ pub use skeleton::{JOINT_NAMES, Joints, N_JOINT_CENTRES};
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
-pub use whole::WholeBody;
+pub use whole::{Told, WholeBody};
 
 /// How many LEDs a person wears.
 pub const N_LEDS: usize = 8;

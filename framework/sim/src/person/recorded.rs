@@ -19,6 +19,7 @@ use nalgebra::{SVector, Vector3};
 use super::body::{FOOT, HIPS, SHANK, THIGH};
 use super::joints::{HEAD, find_joints};
 use super::posture::Posture;
+use super::upright;
 
 /// How often the recording is read [Hz].
 const RATE_HZ: f64 = 30.0;
@@ -64,10 +65,11 @@ impl RecordedBody {
         }
         let joints = find_joints(motion)?;
         let count = (duration_s.min(LONGEST_S) * RATE_HZ) as usize;
-        let mut moments = Vec::with_capacity(count);
+        let (mut moments, mut all_places) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for i in 0..count {
             let frame = (i as f64 / RATE_HZ / motion.frame_s).round() as usize;
             let Some(poses) = motion.poses(frame, 1.0) else { break };
+            all_places.push(joints.map(|it| poses[it].translation.vector));
             let up = z_up_from_y_up();
             let places = joints.map(|it| up * poses[it].translation.vector);
             let turns = poses[joints[HEAD]].rotation;
@@ -75,6 +77,12 @@ impl RecordedBody {
             moments.push(moment(&places, head).ok_or_else(|| {
                 format!("found hips or shoulders one above the other in frame {}, expected an upright body", frame + 1)
             })?);
+        }
+        if let Some(up) = upright::of_motion(&all_places).filter(|it| *it != (1, true)) {
+            let up = upright::in_words(up);
+            return Err(format!(
+                "found heads above ankles along {up}, expected y up: `motion = \"whole\"` takes any axis"
+            ));
         }
         let [from, to] = stretch(&moments);
         let stride = walked(&moments[from..to]);

@@ -15,6 +15,7 @@ pub(crate) mod follow_picture;
 mod higher_order;
 pub mod marks;
 mod pairs;
+mod silence;
 pub(crate) mod silhouette;
 pub(crate) mod surface;
 mod together;
@@ -27,19 +28,22 @@ use std::sync::Arc;
 
 use foveate_estimation::assignment::{self, Workspace};
 use foveate_estimation::gospa::SetDistance;
-use foveate_messages::{TargetId, Targets};
+use foveate_messages::{Target, TargetId, Targets};
 use foveate_node::Report;
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3};
 
 use distances::Distances;
 use higher_order::HigherOrder;
 use pairs::{Groups, Pair, Pairs};
+use silence::Silence;
 use together::Together;
 use truth::{Interpolated, TruthTrack};
 use warmup::Warmup;
 
 /// Recovered messages that may wait for the truth of their time; more are given up, oldest first.
 const MAX_WAITING: usize = 20_000;
+/// Silences that are named one by one.
+const NAMED: usize = 3;
 
 /// Gathers figures from truth and recovered targets, which may come in any order of delivery.
 ///
@@ -50,6 +54,7 @@ pub struct Scorer {
     volume: Option<[[f64; 3]; 2]>,
     truth: TruthTrack,
     waiting: VecDeque<Arc<Targets>>,
+    silence: Silence,
     distances: Distances,
     /// By true target.
     records: BTreeMap<TargetId, Record>,
@@ -68,8 +73,10 @@ pub struct Scorer {
     found: u64,
     together: Together,
     higher_order: HigherOrder,
-    /// Sum over messages [m].
+    /// Sum over messages, and over silent moments [m].
     gospa: f64,
+    /// Sum of squares of errors over their covariances, and how many were judged.
+    normalised: (f64, u64),
     /// Memory that is used again from message to message.
     scratch: Scratch,
 }
@@ -116,6 +123,7 @@ impl Scorer {
             volume,
             truth: TruthTrack::default(),
             waiting: VecDeque::new(),
+            silence: Silence::default(),
             distances: Distances::new(gate),
             records: BTreeMap::new(),
             owners: BTreeMap::new(),
@@ -132,6 +140,7 @@ impl Scorer {
             together: Together::default(),
             higher_order: HigherOrder::default(),
             gospa: 0.0,
+            normalised: (0.0, 0),
             scratch: Scratch {
                 here: Vec::new(),
                 true_points: Vec::new(),
@@ -162,6 +171,8 @@ impl Scorer {
             let unknown = Record { appeared_s: time_s, born_s: None, identity: None };
             self.records.entry(target.id).or_insert(unknown);
         }
+        let to_be_found = truth.list.iter().filter(|it| is_in(self.volume, &it.position)).map(|it| it.id);
+        self.silence.truth(truth.time, to_be_found.collect());
         self.truth.push(truth, self.volume);
         while self.waiting.front().is_some_and(|it| self.truth.reaches(it.time)) {
             if let Some(targets) = self.waiting.pop_front() {
@@ -175,6 +186,7 @@ impl Scorer {
         if !self.warmup.is_scored(targets.time, self.start_s) {
             return;
         }
+        self.silence.message(targets.time);
         if self.waiting.is_empty() && self.truth.reaches(targets.time) {
             return self.compare(&targets);
         }
@@ -269,6 +281,9 @@ impl Scorer {
                 let target = &targets.list[column];
                 let distance = (truth.position - target.position).norm();
                 self.distances.add(distance);
+                if let Some(squared) = normalised_squared(target, &truth.position) {
+                    self.normalised = (self.normalised.0 + squared, self.normalised.1 + 1);
+                }
                 self.higher_order.matched(truth.id, target.id, distance, self.gate);
                 self.truth.cover(truth);
             }
@@ -333,12 +348,21 @@ impl Scorer {
         while let Some(targets) = self.waiting.pop_front() {
             self.compare(&targets);
         }
+        let silences = self.silence.finish();
+        for targets in &silences.moments {
+            self.pairs_possible += targets.len() as u64;
+            targets.iter().for_each(|it| self.higher_order.is_true(*it));
+            self.gospa += (targets.len() as f64 / 2.0).sqrt() * self.gate;
+        }
+        let moments = self.messages + silences.moments.len() as u64;
         let share = |part: u64, whole: u64| if whole > 0 { part as f64 / whole as f64 } else { f64::NAN };
         let n_true = self.records.len() as u64;
         report.figure("error_mm.median", self.distances.percentile(50.0) * 1e3);
         report.figure("error_mm.p95", self.distances.percentile(95.0) * 1e3);
         report.figure("error_mm.rms", self.distances.rms() * 1e3);
-        report.figure("gospa_mm.mean", self.gospa / self.messages as f64 * 1e3);
+        let (squares, n_judged) = self.normalised;
+        report.figure("error_sigmas.rms", (squares / n_judged as f64).sqrt());
+        report.figure("gospa_mm.mean", self.gospa / moments as f64 * 1e3);
         let wrong = self.pairs_possible - self.pairs
             + self.false_targets
             + self.duplicates
@@ -350,9 +374,12 @@ impl Scorer {
         report.figure("hota", self.higher_order.hota().unwrap_or(f64::NAN));
         report.figure("targets_true", n_true as f64);
         report.figure("identities", self.owners.len() as f64);
-        report.figure("identities_per_target", share(self.owners.len() as u64, n_true));
-        report.figure("id_switches", self.id_switches as f64);
-        report.figure("reinitialisations", self.reinitialisations as f64);
+        // Of nothing that was matched nothing can be exchanged.
+        let of_matched = |value: f64| if self.owners.is_empty() { f64::NAN } else { value };
+        let n_found = self.records.values().filter(|it| it.born_s.is_some()).count() as u64;
+        report.figure("identities_per_target", share(self.owners.len() as u64, n_found));
+        report.figure("id_switches", of_matched(self.id_switches as f64));
+        report.figure("reinitialisations", of_matched(self.reinitialisations as f64));
         report.figure("false_targets", share(self.false_targets, self.messages));
         report.figure("duplicates", share(self.duplicates, self.messages));
         report.figure("missed", 1.0 - share(self.pairs, self.pairs_possible));
@@ -360,7 +387,8 @@ impl Scorer {
         report.figure("completeness", share(covered, samples));
         let mut initiations: Vec<f64> =
             self.records.values().filter_map(|it| Some((it.born_s? - it.appeared_s).max(0.0) * 1e3)).collect();
-        report.figure("targets_unborn", (n_true as usize - initiations.len()) as f64);
+        let n_unborn = (n_true as usize - initiations.len()) as f64;
+        report.figure("targets_unborn", if n_true > 0 { n_unborn } else { f64::NAN });
         initiations.sort_by(f64::total_cmp);
         let middle = initiations.len() / 2;
         let median = match initiations.len() {
@@ -376,7 +404,27 @@ impl Scorer {
         } else if n_true == 0 && self.messages > 0 {
             report.remark("nothing was scored: no true light was within the volume of the scale in this time");
         }
+        if silences.moments.iter().any(|it| !it.is_empty()) {
+            let length: f64 = silences.spans.iter().map(|[from, to]| to - from).sum();
+            let spans: Vec<String> =
+                silences.spans.iter().take(NAMED).map(|[from, to]| format!("{from:.2} to {to:.2} s")).collect();
+            let more = match silences.spans.len().saturating_sub(NAMED) {
+                0 => String::new(),
+                n => format!(" and {n} times more"),
+            };
+            report.remark(format!(
+                "no message of targets came for {length:.2} s, not even one without any: {}{more}; the lights that were there count as missed",
+                spans.join(", ")
+            ));
+        }
     }
+}
+
+/// The squared error of a target's position over its covariance, for each of the three axes; `None` where it states none.
+fn normalised_squared(target: &Target, truth: &Point3<f64>) -> Option<f64> {
+    let covariance: Matrix3<f64> = target.covariance.fixed_view::<3, 3>(0, 0).into();
+    let error = target.position - truth;
+    Some(error.dot(&covariance.cholesky()?.solve(&error)) / 3.0)
 }
 
 /// Whether `point` is in `volume`, corners included.

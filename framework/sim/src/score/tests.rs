@@ -217,7 +217,11 @@ fn nothing_recovered_is_nothing_complete() {
     let mut report = Report::default();
     scorer.finish(&mut report);
     assert_eq!((report.figures["completeness"], report.figures["targets_unborn"]), (0.0, 1.0));
-    assert!(report.figures["error_mm.median"].is_nan() && report.figures["missed"].is_nan());
+    assert!(report.figures["error_mm.median"].is_nan() && report.figures["missed"] == 1.0, "{report:?}");
+    // What was never matched was never exchanged either, and no bound on that holds.
+    let of_matched =
+        ["id_switches", "reinitialisations", "identities_per_target"].map(|it| report.figures[it].is_nan());
+    assert_eq!(of_matched, [true; 3]);
 }
 
 #[test]
@@ -232,4 +236,47 @@ fn what_the_truth_does_not_cover_is_not_scored() {
     let mut report = Report::default();
     scorer.finish(&mut report);
     assert_eq!((report.figures["scored_messages"], report.figures["unscored_messages"]), (2.0, 2.0));
+}
+
+#[test]
+fn lights_are_missed_while_no_targets_come() {
+    let score = |until_s: f64| {
+        let mut scorer = Scorer::new(0.1, 0.0, None);
+        for step in 0..=120 {
+            let time = f64::from(step) / 60.0;
+            let list = (0..).zip(truth_at(time)).map(|(id, (position, velocity))| target(id, position, velocity));
+            scorer.truth(targets(time, list.collect()));
+            if time < until_s {
+                scorer.recovered(targets(time, (5..).zip(truth_at(time)).map(|(id, it)| at(id, it.0)).collect()));
+            }
+        }
+        let mut report = Report::default();
+        scorer.finish(&mut report);
+        report
+    };
+    let whole = score(3.0);
+    assert!(whole.figures["missed"] == 0.0 && whole.remarks.is_empty(), "{whole:?}");
+    let half = score(1.0);
+    for (name, expected) in [("missed", 0.5), ("mota", 0.5), ("hota", 0.5), ("idf1", 2.0 / 3.0)] {
+        assert!((half.figures[name] - expected).abs() < 0.01, "{name}: {half:?}");
+    }
+    assert!((half.figures["gospa_mm.mean"] - 50.0).abs() < 1.0, "{half:?}");
+    assert!(half.remarks.len() == 1 && half.remarks[0].contains("for 1.0"), "{half:?}");
+}
+
+#[test]
+fn stated_covariances_are_held_against_the_errors() {
+    // 30 mm off along z, stated as 15, 30 and 60 mm there: two, one, and half as many standard deviations on one axis of three.
+    for (sigma, expected) in [(0.015, 2.0), (0.03, 1.0), (0.06, 0.5)] {
+        let found = figures(|_, [a, b]| {
+            let stated = |id: u32, position: Point3<f64>| {
+                let mut target = at(id, position + Vector3::z() * 0.03);
+                target.covariance.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(sigma * sigma);
+                target
+            };
+            vec![stated(1, a), stated(2, b)]
+        });
+        assert!((found["error_sigmas.rms"] - expected / 3.0_f64.sqrt()).abs() < 1e-3, "{found:?}");
+    }
+    assert!(figures(|_, [a, b]| vec![at(1, a), at(2, b)])["error_sigmas.rms"].is_nan(), "none stated");
 }

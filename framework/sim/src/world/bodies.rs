@@ -48,11 +48,40 @@ pub struct BodySettings {
     /// the built-in walk. `whole`: the person as recorded, of that size, with that way, in a part of `walk_area_m`; any axis may be up, half a second is enough, and where end
     /// and beginning are not alike it goes to and fro [–]
     pub motion: BodyMotion,
-    /// With `motion = "whole"`: metres that one unit of length of the files is. 0: found among the units in use by how tall the person is, 1.4 to 2.1 m [m].
+    /// With `motion = "whole"`: metres that one unit of length of the files is; it may make somebody of 0.5 to 2.6 m. 0: found among the units in use by how tall the person is, 1.4 to 2.1 m before others [m].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub unit_m: f64,
+    /// With `motion = "whole"`: which axis of the files points up; `auto`: found [–]
+    pub up: UpAxis,
     /// `auto`: the file where it is, the built-in walk otherwise; `built_in`; `bvh`: the file, and no run without it [–]
     pub source: BodySource,
+}
+
+/// Which axis of a recording points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UpAxis {
+    /// Found.
+    #[default]
+    Auto,
+    /// x.
+    X,
+    /// y.
+    Y,
+    /// z.
+    Z,
+}
+
+impl UpAxis {
+    /// 0, 1, 2 for x, y, z; `None`: found.
+    pub(crate) fn axis(self) -> Option<usize> {
+        match self {
+            UpAxis::Auto => None,
+            UpAxis::X => Some(0),
+            UpAxis::Y => Some(1),
+            UpAxis::Z => Some(2),
+        }
+    }
 }
 
 /// What a recording makes of a person.
