@@ -91,6 +91,40 @@ fn promises_that_do_not_hold_and_seeds_that_fail_are_told() {
 }
 
 #[test]
+fn an_evaluation_goes_on_with_the_seeds_that_it_has() {
+    let folder = hall();
+    let eval = |seeds: &str, more: &[&str]| {
+        let arguments =
+            [&["eval", "hall.toml", "--seeds", seeds, "--duration", "2", "--out", "eval", "--quiet"], more].concat();
+        let (code, _, complaint) = foveate(folder.path(), &arguments);
+        (code, complaint)
+    };
+    assert_eq!(eval("2", &[]), (0, String::new()));
+    // What is there is taken, not run again: a figure that no run has shows it.
+    let summary = folder.path().join("eval/seed-1001/summary.json");
+    let text = fs::read_to_string(&summary).unwrap();
+    fs::write(&summary, text.replacen('{', "{ \"taken\": 7.5,", 1)).unwrap();
+    assert_eq!(eval("3", &["--resume"]), (0, String::new()));
+    let json: Value = serde_json::from_str(&read(folder.path(), "eval/eval.json")).unwrap();
+    assert_eq!(json["seeds"].as_array().unwrap().len(), 3, "{json}");
+    assert_eq!(json["figures"]["taken"]["median"], 7.5, "{json}");
+    // Of another rig nothing is taken, nor of another duration, nor where nothing was begun.
+    let (code, complaint) = eval("3", &["--resume", "--duration", "1"]);
+    assert!(code == 2, "given twice: {complaint}");
+    let rig = read(folder.path(), "hall.toml");
+    fs::write(folder.path().join("hall.toml"), rig.clone() + "\n# another\n").unwrap();
+    let (code, complaint) = eval("3", &["--resume"]);
+    assert!(code == 2 && complaint.contains("begun with another text of the rig"), "{complaint}");
+    fs::write(folder.path().join("hall.toml"), rig).unwrap();
+    let longer = ["eval", "hall.toml", "--seeds", "3", "--duration", "3", "--out", "eval", "--quiet", "--resume"];
+    let (code, _, complaint) = foveate(folder.path(), &longer);
+    assert!(code == 2 && complaint.contains("`duration_s` 2.0, found 3.0"), "{complaint}");
+    let elsewhere = ["eval", "hall.toml", "--out", "nowhere", "--resume"];
+    let (code, _, complaint) = foveate(folder.path(), &elsewhere);
+    assert!(code == 2 && complaint.contains("expected an evaluation that was begun there"), "{complaint}");
+}
+
+#[test]
 fn what_all_runs_noted_is_told_once() {
     let folder = hall();
     let hall = read(folder.path(), "hall.toml");

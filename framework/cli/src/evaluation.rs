@@ -144,6 +144,8 @@ pub struct Evaluation {
     pub runs: Vec<SeedRun>,
     /// Whether a signal came before all seeds had their runs.
     pub interrupted: bool,
+    /// How many seeds were asked for.
+    pub n_asked: usize,
 }
 
 impl Evaluation {
@@ -295,7 +297,12 @@ impl Evaluation {
 
     /// `eval.svg`: a frame for each figure that differs between seeds and of which one way is better; a dot for each seed, a line at the median.
     pub fn picture(&self) -> String {
-        let title = format!("{}: {} seeds", self.rig, self.runs.iter().filter(|it| it.is_whole).count());
+        let n_whole = self.runs.iter().filter(|it| it.is_whole).count();
+        let title = match (self.interrupted, n_whole == self.n_asked) {
+            (true, _) => format!("{}: {n_whole} of {} seeds, interrupted", self.rig, self.n_asked),
+            (false, false) => format!("{}: {n_whole} of {} seeds, the others failed", self.rig, self.n_asked),
+            (false, true) => format!("{}: {n_whole} seeds", self.rig),
+        };
         let figures: Vec<(&str, Spread)> =
             self.figures().into_iter().filter(|(_, it)| it.better != Better::Neither && it.varies()).collect();
         if figures.is_empty() {
@@ -351,7 +358,7 @@ mod tests {
     fn evaluation() -> Evaluation {
         let failed = SeedRun::read(4, Some(2), "error: gone\nwide-1 is away", None);
         let runs = vec![run(1, Some(3.0), 0.5), run(2, Some(1.0), 0.9), run(3, None, 0.7), failed];
-        Evaluation { rig: "room".to_owned(), runs, interrupted: false }
+        Evaluation { rig: "room".to_owned(), runs, interrupted: false, n_asked: 4 }
     }
 
     fn bound(text: &str) -> Bound {
@@ -410,6 +417,9 @@ mod tests {
         let mut evaluation = evaluation();
         let drawn = evaluation.picture();
         assert!(drawn.starts_with("<svg") && drawn.contains("error_mm") && !drawn.contains("NaN"));
+        assert!(drawn.contains("room: 3 of 4 seeds, the others failed"), "{drawn}");
+        evaluation.interrupted = true;
+        assert!(evaluation.picture().contains("room: 3 of 4 seeds, interrupted"));
         evaluation.runs.truncate(1);
         assert!(evaluation.picture().contains("differs between seeds"));
         evaluation.runs.clear();

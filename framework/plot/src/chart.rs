@@ -339,8 +339,30 @@ const BETWEEN: f64 = 20.0;
 const LEGEND_LIMIT: f64 = 260.0;
 
 impl Figure<'_> {
+    /// Charts whose numbers along x stand below another chart of their column show the same part of it as that one.
+    fn with_shared_axes(&self) -> Self {
+        let mut shared = self.clone();
+        let (n, n_columns) = (shared.charts.len(), self.n_columns.max(1));
+        for below in (0..n).filter(|it| !self.charts[*it].x.hidden) {
+            let above = (0..=below).rev().step_by(n_columns);
+            let group: Vec<usize> =
+                above.enumerate().take_while(|(i, it)| *i == 0 || self.charts[*it].x.hidden).map(|it| it.1).collect();
+            let values = group.iter().flat_map(|it| &self.charts[*it].series).flat_map(|it| it.pieces.iter().flatten());
+            let whole = Range::of(values.map(|it| it[0]).filter(|it| it.is_finite()));
+            let is_open = group.iter().all(|it| self.charts[*it].x.range.is_none() && !self.charts[*it].x.log);
+            let (Some(whole), true) = (whole, is_open && group.len() > 1) else { continue };
+            let range = if whole.length() > 0.0 { whole.widened(0.05) } else { continue };
+            group.into_iter().for_each(|it| shared.charts[it].x.range = Some(range));
+        }
+        shared
+    }
+
     /// The figure as an SVG file.
     pub fn svg(&self) -> String {
+        self.with_shared_axes().drawn()
+    }
+
+    fn drawn(&self) -> String {
         let n_columns = self.n_columns.max(1);
         let column = |index: usize| self.charts.iter().skip(index).step_by(n_columns);
         let mut lefts = Vec::new();
@@ -392,4 +414,27 @@ pub fn nothing(title: &str, why: &str) -> String {
     let mut svg = Svg::new(text_width(title, crate::svg::TITLE).clamp(640.0, 1000.0) + 40.0, 100.0, title);
     svg.text([16.0, 66.0], Anchor::Start, TEXT, &format!("nothing to show: {why}"));
     svg.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn charts_above_one_another_with_one_axis_show_the_same_part_of_it() {
+        let chart = |from: f64, to: f64, x: Axis| {
+            let line = Series::line("line", "#000", vec![[from, 1.0], [to, 2.0]]);
+            Chart::new("", [300.0, 80.0], x, Axis::new("y")).with(line)
+        };
+        let time = || Axis::new("time [s]");
+        let charts = vec![chart(13.0, 22.0, time().hidden()), chart(16.0, 21.0, time()), chart(0.0, 1.0, time())];
+        let shared = Figure { title: String::new(), n_columns: 1, charts }.with_shared_axes();
+        let ranges: Vec<Option<Range>> = shared.charts.iter().map(|it| it.x.range).collect();
+        assert_eq!((ranges[0], ranges[2]), (ranges[1], None));
+        assert!(ranges[0].is_some_and(|it| it.min <= 13.0 && it.max >= 22.0), "{ranges:?}");
+        // Charts side by side share none.
+        let charts = vec![chart(13.0, 22.0, time().hidden()), chart(16.0, 21.0, time())];
+        let apart = Figure { title: String::new(), n_columns: 2, charts }.with_shared_axes();
+        assert!(apart.charts.iter().all(|it| it.x.range.is_none()));
+    }
 }

@@ -230,10 +230,12 @@ impl Integrator {
     fn report_nothing(&self, report: &mut Report) {
         let tally = self.tracker.tally();
         let n_seeing = tally.cameras.iter().filter(|it| it.applied > 0).count();
-        if tally.initiations > 0 || n_seeing == 0 {
+        if tally.initiations > 0 {
             return;
         }
-        let why = if let Some(why) = self.too_short() {
+        let why = if n_seeing == 0 {
+            "no camera gave a frame".to_owned()
+        } else if let Some(why) = self.too_short() {
             why
         } else if n_seeing < self.initiation_cameras as usize {
             format!(
@@ -301,7 +303,7 @@ impl Integrator {
         if !too_large.is_empty() {
             report.remark(format!(
                 "the lights that {} saw were further from where they were expected than the integrator was told to expect; look at the \
-                 calibration and the clock of these cameras, at camera_error_px, and at acceleration_m_s2",
+                 calibration and the clock of these cameras, at the noise in their pictures, at camera_error_px, and at acceleration_m_s2",
                 too_large.join(", ")
             ));
         }

@@ -1,5 +1,6 @@
 //! `foveate eval`: a rig over many seeds, each in a program of its own, so that one that fails takes no other with it.
 
+mod resume;
 mod world;
 
 use std::cmp::Reverse;
@@ -17,6 +18,7 @@ use foveate_node::Registry;
 use foveate_node::figure::Better;
 use foveate_rig::Overrides;
 
+use self::resume::{Begun, RUN_FILE};
 use self::world::Recipe;
 use super::{complain, load, seconds};
 use crate::evaluation::{Bound, Evaluation, SeedRun};
@@ -51,6 +53,9 @@ pub struct EvalArgs {
     /// Folder for eval.json, eval.csv, eval.svg and the seeds' summaries, without an evaluation in it [default: results/RIG-eval-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
+    /// Go on with an evaluation in --out that was interrupted, or with more seeds: of the same rig, duration and calibration, seeds that came to their end are taken as they are
+    #[arg(long, requires = "out")]
+    resume: bool,
     /// Seeds at a time [default: one for each core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: Option<u16>,
@@ -104,11 +109,10 @@ pub(super) fn run(args: &EvalArgs, registry: &Registry) -> u8 {
         Ok(folder) => folder,
         Err(sentence) => return complain(&sentence),
     };
-    if folder.join("eval.json").exists() {
-        let folder = folder.display();
-        return complain(&format!(
-            "`{folder}` holds an evaluation already; expected a folder of its own: name another one with --out"
-        ));
+    let begun = Begun::of(args);
+    let fits = if args.resume { begun.is_that_of(&folder) } else { Begun::none_in(&folder) };
+    if let Err(sentence) = fits.and_then(|()| begun.write(&folder)) {
+        return complain(&sentence);
     }
     let cameras: Vec<String> = graph.calibration.cameras.iter().map(|it| it.name.clone()).collect();
     let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|it| args.first_seed + it).collect();
@@ -118,7 +122,7 @@ pub(super) fn run(args: &EvalArgs, registry: &Registry) -> u8 {
         return interrupt::caught().map_or(exit::INPUT, |it| it.code);
     }
     let interrupted = runs.len() < seeds.len();
-    let evaluation = Evaluation { rig: graph.name.clone(), runs, interrupted };
+    let evaluation = Evaluation { rig: graph.name.clone(), runs, interrupted, n_asked: seeds.len() };
     let files = [
         ("eval.json", evaluation.json(args.duration.or(graph.duration.map(|it| it.as_s())), &args.bound)),
         ("eval.csv", evaluation.csv()),
@@ -254,6 +258,9 @@ fn run_one(trial: &Trial<'_>, seed: u64) -> SeedRun {
     let partial = folder.join(format!("seed-{seed}.partial"));
     // What a run left behind that was killed.
     drop(fs::remove_dir_all(&partial));
+    if let Some(run) = args.resume.then(|| resume::taken(seed, &target)).flatten() {
+        return run;
+    }
     let world = match recipe.map(|it| it.world(seed, &folder.join(format!("world-{seed}")))) {
         Some(Err(sentence)) => return SeedRun::read(seed, Some(exit::INPUT), &sentence, None),
         Some(Ok(world)) => Some(world),
@@ -288,6 +295,10 @@ fn run_one(trial: &Trial<'_>, seed: u64) -> SeedRun {
     }
     if let Err(error) = put_away(&partial, &target, args.keep) {
         run.said += &format!(" its results cannot be put into `{}`: {error}", target.display());
+    } else if run.is_whole
+        && let Err(error) = resume::write(&run, &target)
+    {
+        run.said += &format!(" it cannot be taken again: `{}`: {error}", target.join(RUN_FILE).display());
     }
     run
 }

@@ -168,7 +168,7 @@ impl Node for Lab {
             );
             return Err(ConfigError::at("closest_m", message));
         }
-        let light_path = light_path.as_ref().map(|file| read_path(file, setup)).transpose()?;
+        let light_paths = light_path.as_ref().map_or(Ok(Vec::new()), |file| read_paths(file, setup))?;
         let (head, of_head) = settings.face.as_ref().map_or(Ok((None, None)), |it| read_head(it, setup))?;
         let (bodies, of_body) = read_bodies(&settings, setup)?;
         let truth = truth.as_ref().map(|it| Truth::draw(it, setup)).transpose()?;
@@ -177,7 +177,7 @@ impl Node for Lab {
             setup.claim_file(Some("truth"), TRUTH_FILE)?;
             cameras = Some((truth.stated().to_owned(), folder.clone()));
         }
-        let recordings = Recordings { light_path, head, bodies, truth };
+        let recordings = Recordings { light_paths, head, bodies, truth };
         let world = World::with_recordings(settings, recordings, &setup.random);
         let remarks = of_head.into_iter().chain(of_body).collect();
         Ok(Self { world, remarks, cameras, truth_hz, next: 0, pool: Pool::default() })
@@ -232,12 +232,12 @@ fn read_head(face: &FaceSettings, setup: &Setup) -> Result<(Option<RecordedHead>
     }
 }
 
-fn read_path(file: &str, setup: &Setup) -> Result<LightPath, ConfigError> {
+fn read_paths(file: &str, setup: &Setup) -> Result<Vec<LightPath>, ConfigError> {
     let path = setup.path("light_path", file)?;
     let fault = |message: String| ConfigError::at("light_path", format!("{}: {message}", path.display()));
     let text = std::fs::read_to_string(&path)
         .map_err(|error| fault(format!("{error}, expected a file of rows time_s,x_m,y_m,z_m")))?;
-    LightPath::parse(&text).map_err(fault)
+    LightPath::parse_all(&text).map_err(fault)
 }
 
 /// The bodies of recordings, none for the built-in one, and what is to be said of them.

@@ -36,6 +36,7 @@ figures! {
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
     "marks_extra([compared])": count, low, "Labels that are no true mark at all";
+    "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: none of the other figures counts them";
     "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
     "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
     "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world";
@@ -43,6 +44,7 @@ figures! {
     "filled_in_view_mm.{median,p95}": mm, low, "The same of those filled marks that two cameras or more could see, from 72° off their normal at most: marks that were not found, rather than hidden";
     "filled_in_view": count, low, "Filled samples of marks that two cameras or more could see, over all frames";
     "filled_sigmas.rms": sigmas, neither, "Error of filled marks in their stated standard deviations; 1: as large as stated";
+    "filled_sigmas.{sure_half,vague_half}": sigmas, neither, "The same of the half of them with the smaller stated standard deviations, and of the other half";
     "filled": count, neither, "Filled samples that were compared, over all frames";
     "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled";
     "frames_with_all_measured": share, high, "Frames with every true mark measured";

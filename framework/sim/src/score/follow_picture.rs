@@ -45,6 +45,9 @@ pub(crate) fn draw(tracks: &[(&str, &Track)]) -> String {
         let y = Axis::new("distance [px]").over(0.0, 1.04 * most);
         let title = match track.pictures.is_empty() {
             true => (*name).to_owned(),
+            false if far(track) > 1.04 * most => {
+                format!("{name}: mean {mean:.1} px, in view {:.1} %, farthest {:.0} px", 100.0 * seen, far(track))
+            }
             false => format!("{name}: mean {mean:.1} px, in view {:.1} %", 100.0 * seen),
         };
         // What lies beyond the axis is drawn at its end.

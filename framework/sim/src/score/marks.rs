@@ -188,12 +188,14 @@ impl MarkTrack {
         votes.into_iter().filter_map(|(label, votes)| Some((label, most(votes)?.0?))).collect()
     }
 
-    /// How many labels were measured that are no mark at all.
-    fn extra(&self, names: &Names) -> usize {
-        let mut labels: Vec<u32> = self.moments.iter().flat_map(|it| &it.samples).map(|it| it.label).collect();
+    /// How many labels are no mark at all, and how many samples they have, measured and filled.
+    fn extra(&self, names: &Names) -> (usize, [usize; 2]) {
+        let samples = || self.moments.iter().flat_map(|it| &it.samples).filter(|it| !names.contains_key(&it.label));
+        let mut labels: Vec<u32> = samples().map(|it| it.label).collect();
         labels.sort_unstable();
         labels.dedup();
-        labels.iter().filter(|it| !names.contains_key(it)).count()
+        let of = |provenance: Provenance| samples().filter(|it| it.provenance == provenance).count();
+        (labels.len(), [of(Provenance::Measured), of(Provenance::Filled)])
     }
 
     /// Pairs of labels that are often measured together, of two marks.
@@ -259,7 +261,10 @@ impl MarkTrack {
         }
         report.figure(format!("marks_measured{suffix}"), seen as f64);
         report.figure(format!("mark_identity_errors{suffix}"), wrong as f64);
-        report.figure(format!("marks_extra{suffix}"), self.extra(names) as f64);
+        let (labels, [measured, filled]) = self.extra(names);
+        report.figure(format!("marks_extra{suffix}"), labels as f64);
+        report.figure(format!("marks_extra.measured{suffix}"), measured as f64);
+        report.figure(format!("marks_extra.filled{suffix}"), filled as f64);
     }
 
     /// Figures of a model's marks: errors in its own space and in the world, and of those that it filled in.
@@ -293,8 +298,14 @@ impl MarkTrack {
         spread("filled_in_view_mm", filled_in_view);
         report.figure("filled", filled.len() as f64);
         report.figure("filled_in_view", filled_in_view.len() as f64);
-        let squares: f64 = filled_sigmas.iter().map(|it| it * it).sum();
-        report.figure("filled_sigmas.rms", (squares / filled_sigmas.len() as f64).sqrt());
+        let rms = |list: &[(f64, f64)]| (list.iter().map(|it| it.1 * it.1).sum::<f64>() / list.len() as f64).sqrt();
+        report.figure("filled_sigmas.rms", rms(filled_sigmas));
+        // Two errors may make one right number.
+        let mut by_sigma = filled_sigmas.clone();
+        by_sigma.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (sure, vague) = by_sigma.split_at(by_sigma.len() / 2);
+        report.figure("filled_sigmas.sure_half", rms(sure));
+        report.figure("filled_sigmas.vague_half", rms(vague));
         report.figure("frames_with_all_marks", share(&|it| covers(it, &|_| true)));
         report.figure(
             "frames_with_all_measured",
@@ -362,8 +373,8 @@ struct Errors {
     filled: Vec<f64>,
     /// Those of the filled ones that two cameras or more could see.
     filled_in_view: Vec<f64>,
-    /// Of the filled ones, in stated standard deviations of three axes.
-    filled_sigmas: Vec<f64>,
+    /// Of the filled ones what they state [m], and how far they are off, in stated standard deviations of three axes.
+    filled_sigmas: Vec<(f64, f64)>,
 }
 
 impl Errors {
@@ -377,7 +388,7 @@ impl Errors {
             if sample.provenance == Provenance::Filled {
                 self.filled.push(*off);
                 self.filled_in_view.extend(is_in_view(sample.label).then_some(*off));
-                self.filled_sigmas.push(off / (3.0_f64.sqrt() * sample.sigma));
+                self.filled_sigmas.push((sample.sigma, off / (3.0_f64.sqrt() * sample.sigma)));
             }
         }
     }
@@ -508,7 +519,10 @@ mod tests {
         let found = figures(|report| track.report_shape(&names, 20, report));
         assert!((found["filled_mm.median"] - 1.0).abs() < 0.1, "{found:?}");
         assert!(found["face_mm.median"] < 0.1 && found["face_world_mm.median"] > 2.0, "{found:?}");
-        assert!((found["filled_sigmas.rms"] - 1.0 / 3.0_f64.sqrt()).abs() < 0.1, "{found:?}");
+        for which in ["rms", "sure_half", "vague_half"] {
+            let sigmas = found[&format!("filled_sigmas.{which}")];
+            assert!((sigmas - 1.0 / 3.0_f64.sqrt()).abs() < 0.1, "{which}: {found:?}");
+        }
         assert_eq!((found["filled"], found["filled_in_view"]), (2.0, 1.0));
         let rows = track.filled_rows(&names);
         assert!(rows.len() == 2 && rows[1].contains(",106,6,") && rows[1].ends_with(",2,1"), "{rows:?}");
@@ -532,6 +546,7 @@ mod tests {
         let names = track.names();
         let found = figures(|report| track.report_distances(&names, "", report));
         assert_eq!((found["mark_identity_errors"], found["marks_extra"]), (2.0, 1.0));
+        assert_eq!((found["marks_extra.measured"], found["marks_extra.filled"]), (40.0, 0.0));
         assert!(found["pair_distance_mm.median"] < 0.01 && found["pair_distance_mm.max"] > 0.4, "{found:?}");
         assert!(found["group_distance_mm.median"] < 0.01, "{found:?}");
     }

@@ -131,7 +131,7 @@ pub struct SceneSettings {
     /// In place of people, lights that dart about, turn sharply and stop dead, from `people_enter_s` on [–]
     pub darts: Option<DartSettings>,
     /// In place of people, one light that shines to all sides goes along the path of a file, from `people_enter_s` on: `time_s,x_m,y_m,z_m`,
-    /// a heading and a row for each time. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
+    /// a heading and a row for each time; or several do, with a column `target` behind the time, as in `truth.csv`. `${NAME}` is an environment variable; a relative path starts at the rig's folder [–]
     pub light_path: Option<String>,
     /// In place of people, a bust on a stand, or moved to and fro by hand, with a light above it. Left out: there is none [–]
     pub bust: Option<BustSettings>,
@@ -182,8 +182,8 @@ impl Default for SceneSettings {
 /// What the files of [`SceneSettings`] hold.
 #[derive(Default)]
 pub struct Recordings {
-    /// Of [`SceneSettings::light_path`].
-    pub light_path: Option<LightPath>,
+    /// Of [`SceneSettings::light_path`], one for each light.
+    pub light_paths: Vec<LightPath>,
     /// Of [`SceneSettings::face`].
     pub head: Option<RecordedHead>,
     /// Of [`SceneSettings::body`]: the people take them in turn.
@@ -268,16 +268,18 @@ fn people(settings: &SceneSettings, random: &Random) -> Vec<Person> {
     }
 }
 
-/// The lights by themselves of a scene; `light_path` is that of its file.
-fn singles(settings: &SceneSettings, light_path: Option<LightPath>, random: &Random) -> Vec<Single> {
+/// The lights by themselves of a scene; `light_paths` are those of its file.
+fn singles(settings: &SceneSettings, light_paths: Vec<LightPath>, random: &Random) -> Vec<Single> {
     if let Some(darts) = &settings.darts {
         let mut random = random.fork("darts");
         return (0..darts.lights).map(|_| Single::Darting(Dart::new(darts, &mut random))).collect();
     }
-    let single = match (light_path, &settings.swing) {
-        (Some(path), _) => Some(Single::Path(path)),
-        (None, Some(swing)) => Some(Single::Swung(swing.clone())),
-        (None, None) => match &settings.bust {
+    if !light_paths.is_empty() {
+        return light_paths.into_iter().map(Single::Path).collect();
+    }
+    let single = match &settings.swing {
+        Some(swing) => Some(Single::Swung(swing.clone())),
+        None => match &settings.bust {
             Some(bust) => bust.has_light().then(|| Single::OnBust(bust.clone(), settings.people_enter_s)),
             None => settings.waved_light.then(|| Single::Waved(Wave::new(&settings.wave, settings.walk_area_m))),
         },
@@ -314,8 +316,8 @@ impl World {
 
     /// As [`Self::new`], with what files hold.
     pub fn with_recordings(settings: SceneSettings, recordings: Recordings, random: &Random) -> Self {
-        let Recordings { light_path, head, bodies, truth } = recordings;
-        let singles = singles(&settings, light_path, random);
+        let Recordings { light_paths, head, bodies, truth } = recordings;
+        let singles = singles(&settings, light_paths, random);
         // The face shows its range while the actor stands; elsewhere from the first moment on, for as long.
         let comes_s = if settings.walk == WalkKind::Stage { COME_S } else { 0.0 };
         let face = settings.face.as_ref().map(|face| {

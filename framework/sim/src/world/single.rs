@@ -80,34 +80,71 @@ impl SwingSettings {
 pub struct LightPath(Vec<(f64, Point3<f64>)>);
 
 impl LightPath {
-    /// Reads `time_s,x_m,y_m,z_m`, a heading and then a row for each time, ascending.
+    /// Reads `time_s,x_m,y_m,z_m`, a heading and then a row for each time, ascending; or the paths of several lights, `time_s,target,x_m,y_m,z_m` as in `truth.csv`, in the order of their names' first rows.
     ///
     /// # Errors
     /// The line, what it holds and what was expected.
-    pub fn parse(text: &str) -> Result<LightPath, String> {
-        let mut rows: Vec<(f64, Point3<f64>)> = Vec::new();
+    pub fn parse_all(text: &str) -> Result<Vec<LightPath>, String> {
+        const ONE: [&str; 4] = ["time_s", "x_m", "y_m", "z_m"];
+        const SEVERAL: [&str; 5] = ["time_s", "target", "x_m", "y_m", "z_m"];
+        const EXPECTED: &str = "`time_s,x_m,y_m,z_m`, or `time_s,target,x_m,y_m,z_m`";
+        let mut lights: Vec<(String, LightPath)> = Vec::new();
         let mut splitter = Splitter::new(',');
+        let mut has_names = None;
         let lines = (1..).zip(text.trim_start_matches('\u{feff}').lines());
         for (number, line) in lines.filter(|it| !it.1.trim().is_empty()) {
-            let fields: Vec<Option<f64>> = splitter.split(line).iter().map(|it| it.parse().ok()).collect();
-            match fields.as_slice() {
-                [Some(time), Some(x), Some(y), Some(z)] if [time, x, y, z].iter().all(|it| it.is_finite()) => {
-                    if let Some((last, _)) = rows.last().filter(|it| it.0 >= *time) {
-                        return Err(format!("line {number}: found time {time} after {last}, expected ascending times"));
-                    }
-                    rows.push((*time, Point3::new(*x, *y, *z)));
+            let words: Vec<String> = splitter.split(line).iter().map(|it| it.trim().to_owned()).collect();
+            let is_heading = has_names.is_none() && words.iter().all(|it| it.parse::<f64>().is_err());
+            if is_heading {
+                // Other lengths than metres are named as such, other words are not.
+                let plain = |it: &String| it.replace([' ', ','], if it.contains(' ') { "" } else { "_" });
+                let names: Vec<String> = words.iter().map(plain).collect();
+                let is_other = |(name, told): (&String, &str)| {
+                    let unit = |it: &str| it.rsplit_once('_').map(|it| it.1.to_owned());
+                    unit(name).is_some_and(|it| Some(it) != unit(told))
+                };
+                let told: &[&str] = if names.len() == SEVERAL.len() { &SEVERAL } else { &ONE };
+                if let Some(at) = names.iter().zip(told.iter().copied()).position(is_other) {
+                    return Err(format!("line {number}: found a column `{}`, expected {EXPECTED}", words[at]));
                 }
-                _ if number == 1 => {}
-                _ => {
-                    let found: String = line.chars().take(60).collect();
-                    return Err(format!("line {number}: found `{found}`, expected four numbers: time_s,x_m,y_m,z_m"));
-                }
+                has_names = Some(names.len() == SEVERAL.len());
+                continue;
             }
+            let has_names = *has_names.get_or_insert(false);
+            let (name, numbers) = match (has_names, words.as_slice()) {
+                (true, [time, name, place @ ..]) => (name.clone(), [std::slice::from_ref(time), place].concat()),
+                (_, all) => (String::new(), all.to_vec()),
+            };
+            let fields: Vec<Option<f64>> = numbers.iter().map(|it| it.parse().ok()).collect();
+            let [Some(time), Some(x), Some(y), Some(z)] = fields[..] else {
+                let found: String = line.chars().take(60).collect();
+                let expected = if has_names { SEVERAL.join(",") } else { ONE.join(",") };
+                return Err(format!(
+                    "line {number}: found `{found}`, expected {} values: {expected}",
+                    4 + usize::from(has_names)
+                ));
+            };
+            if ![time, x, y, z].iter().all(|it| it.is_finite()) {
+                return Err(format!("line {number}: found `{line}`, expected numbers"));
+            }
+            let at = lights.iter().position(|it| it.0 == name).unwrap_or(lights.len());
+            if at == lights.len() {
+                lights.push((name, LightPath(Vec::new())));
+            }
+            let LightPath(rows) = &mut lights[at].1;
+            if let Some((last, _)) = rows.last().filter(|it| it.0 >= time) {
+                return Err(format!("line {number}: found time {time} after {last}, expected ascending times"));
+            }
+            rows.push((time, Point3::new(x, y, z)));
         }
-        match rows.len() {
-            0 | 1 => Err(format!("found {} rows, expected two or more of time_s,x_m,y_m,z_m", rows.len())),
-            _ => Ok(LightPath(rows)),
+        let short = lights.iter().find(|it| it.1.0.len() < 2);
+        if lights.is_empty() || short.is_some() {
+            let (n, whose) = short.map_or((0, String::new()), |(name, LightPath(rows))| {
+                (rows.len(), if name.is_empty() { String::new() } else { format!(" of `{name}`") })
+            });
+            return Err(format!("found {n} rows{whose}, expected two or more of {EXPECTED}"));
         }
+        Ok(lights.into_iter().map(|it| it.1).collect())
     }
 
     /// On smooth curves through the rows (Catmull and Rom's, by the times); before the first and after the last it rests there.
@@ -180,7 +217,9 @@ mod tests {
 
     #[test]
     fn a_path_goes_through_its_rows_and_never_jumps() {
-        let path = LightPath::parse("time_s,x_m,y_m,z_m\n0,0,0,1\n0.5, 1,0,1\n\n2,1,3,1\n").unwrap();
+        let [path] = &LightPath::parse_all("time_s,x_m,y_m,z_m\n0,0,0,1\n0.5, 1,0,1\n\n2,1,3,1\n").unwrap()[..] else {
+            panic!()
+        };
         assert_eq!(path.position(0.5), Point3::new(1.0, 0.0, 1.0));
         assert_eq!(path.position(-1.0), Point3::new(0.0, 0.0, 1.0));
         assert_eq!(path.position(9.0), Point3::new(1.0, 3.0, 1.0));
@@ -189,16 +228,33 @@ mod tests {
     }
 
     #[test]
+    fn several_lights_have_their_own_paths() {
+        let text = "time_s,target,x_m,y_m,z_m\n0,7,0,0,1\n0,left,2,0,1\n1,7,2,0,1\n1,left,0,0,1\n2,left,0,1,1\n";
+        let [one, other] = &LightPath::parse_all(text).unwrap()[..] else { panic!() };
+        // They pass each other.
+        assert!((one.position(0.5).x - 1.0).abs() < 1e-9 && (0.8..1.2).contains(&other.position(0.5).x));
+        assert_eq!((one.position(1.0).x, other.position(1.0).x, other.position(2.0).y), (2.0, 0.0, 1.0));
+        let refused = |text: &str| LightPath::parse_all(text).unwrap_err();
+        assert!(
+            refused("time_s,target,x_m,y_m,z_m\n0,7,0,0,1\n0,8,2,0,1\n1,7,2,0,1\n").contains("found 1 rows of `8`")
+        );
+        assert!(refused("time_s,target,x_m,y_m,z_m\n0,0,0,1\n").contains("expected 5 values"));
+    }
+
+    #[test]
     fn bad_rows_are_named() {
-        let refused = |text: &str| LightPath::parse(text).unwrap_err();
+        let refused = |text: &str| LightPath::parse_all(text).unwrap_err();
         assert!(refused("time_s,x_m,y_m,z_m\n0,0,0,1\n0,1,1,1").contains("line 3: found time 0 after 0"));
         assert!(refused("0,0,0,1\n1,2,3").contains("line 2: found `1,2,3`"));
         assert!(
             refused("0,0,0,1\n1,\"2,5\",0,1").contains("line 2: found `1,\"2,5\",0,1`"),
             "a comma inside of quotes"
         );
-        assert!(LightPath::parse("\u{feff}\"time, s\",x_m,y_m,z_m\r\n\"0\", \"0\",0,1\r\n1,0,0,1\r\n").is_ok());
-        assert!(refused("0,0,0,NaN\n1,2,3,4").contains("found 1 rows"));
+        assert!(LightPath::parse_all("\u{feff}\"time, s\",x_m,y_m,z_m\r\n\"0\", \"0\",0,1\r\n1,0,0,1\r\n").is_ok());
+        assert!(refused("0,0,0,NaN\n1,2,3,4").contains("line 1: found `0,0,0,NaN`, expected numbers"));
+        assert!(refused("0,0,0,1").contains("found 1 rows"));
+        assert!(refused("time_s,x_mm,y_mm,z_mm\n0,0,0,1\n1,0,0,1").contains("line 1: found a column `x_mm`, expected"));
+        assert!(refused("time_ms,x_m,y_m,z_m\n0,0,0,1\n1,0,0,1").contains("`time_ms`"));
         assert!(refused("").contains("found 0 rows"));
     }
 }
