@@ -23,17 +23,20 @@ const GAP: usize = 2;
 /// What is left out on both sides of a stretch, of its length and beyond that [–, px].
 const BESIDE: f32 = 1.5;
 const BESIDE_ALWAYS: usize = 2;
+/// An axis of which more than this is left out is wrong by itself [–].
+const MOST_OF_ALL: f64 = 0.2;
 /// What is left out in this part of the lines on both sides of a line is left out in it as well [px, –].
 const LINES: usize = 6;
 const OF_LINES: f32 = 0.25;
 
-/// Leaves out coordinates that run backwards, and those beside them: by axis, which part of its known pixels they are.
+/// Leaves out coordinates that run backwards, and those beside them: by axis, which part of its known pixels they are. The other axis is left out there, too: what moved shows in both, and without one
+/// of them nothing contradicts the other. Where it is more than [`MOST_OF_ALL`] of an axis it is that axis that is wrong.
 pub fn leave_out_backwards(found: &mut Coordinates) -> [f64; 2] {
     let [width, height] = found.size;
-    Axis::BOTH.map(|axis| {
-        let (values, sigmas) = (&mut found.values[axis.index()], &mut found.sigmas[axis.index()]);
+    let places = Axis::BOTH.map(|axis| {
+        let values = &found.values[axis.index()];
         if values.len() != width * height || values.is_empty() {
-            return 0.0;
+            return (Vec::new(), 0.0);
         }
         let along_rows = Lines { n: height, length: width, next_line: width, next: 1 };
         let along_columns = Lines { n: width, length: height, next_line: 1, next: width };
@@ -42,16 +45,19 @@ pub fn leave_out_backwards(found: &mut Coordinates) -> [f64; 2] {
         let (lines, pace) =
             if paces[0].abs() >= paces[1].abs() { (along_rows, paces[0]) } else { (along_columns, paces[1]) };
         let is_left_out = lines.backwards(values, pace);
-        let n_known = values.iter().filter(|it| it.is_finite()).count();
-        let mut n = 0;
-        for ((value, sigma), _) in
-            values.iter_mut().zip(sigmas).zip(is_left_out).filter(|it| it.1 && it.0.0.is_finite())
-        {
-            (*value, *sigma) = (f32::NAN, f32::NAN);
-            n += 1;
+        let known = || values.iter().zip(&is_left_out).filter(|it| it.0.is_finite());
+        let part = known().filter(|it| *it.1).count() as f64 / known().count().max(1) as f64;
+        (is_left_out, part)
+    });
+    for (of, (is_left_out, part)) in places.iter().enumerate().filter(|it| it.1.1 > 0.0) {
+        for axis in (0..2).filter(|it| *it == of || *part <= MOST_OF_ALL) {
+            let (values, sigmas) = (&mut found.values[axis], &mut found.sigmas[axis]);
+            for ((value, sigma), _) in values.iter_mut().zip(sigmas).zip(is_left_out).filter(|it| *it.1) {
+                (*value, *sigma) = (f32::NAN, f32::NAN);
+            }
         }
-        f64::from(n) / n_known.max(1) as f64
-    })
+    }
+    places.map(|it| it.1)
 }
 
 /// The lines of a picture in one direction.

@@ -144,6 +144,8 @@ impl Decoder {
         faults.extend(Axis::BOTH.into_iter().filter(|it| axes.contains(it)).filter_map(|axis| {
             lacking_finest_in_words(axis, code.bits[axis.index()], found.finest_left_out(&code)[axis.index()])
         }));
+        let undecoded = Axis::BOTH.into_iter().find(|it| code.has(*it) && !axes.contains(it));
+        let in_shadow = undecoded.map_or(Vec::new(), |axis| found.dark_in(&code, &views, axis));
         let Prepared { code, pictures, worked_out } = found.prepared(&code, &views);
         let (steps, bits): (Vec<&Shown>, Vec<&Shown>) =
             worked_out.iter().partition(|it| matches!(it, Shown::Phase { .. }));
@@ -228,7 +230,7 @@ impl Decoder {
         let of = |list: &[Vec<f32>; 2], at: usize| {
             Axis::BOTH.map(|it| list[it.index()].get(at).copied().unwrap_or(f32::NAN))
         };
-        let mut is_left_out = vec![false; white.len()];
+        let mut is_left_out = if in_shadow.is_empty() { vec![false; white.len()] } else { in_shadow };
         let is_changed = changed.as_ref().is_some_and(|it| it.share() > CHANGED_SHARE);
         if let Some(changed) = &changed {
             changed.each_row([width, height], |row, from, to| is_left_out[row * width..][from..to].fill(true));

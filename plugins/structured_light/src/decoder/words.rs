@@ -63,10 +63,9 @@ pub(super) fn too_fine_in_words(
 pub(super) fn backwards_in_words(axis: Axis, part: f64) -> Option<String> {
     (part > TOLD_BACKWARDS).then(|| {
         format!(
-            "{:.1} % of the {}' coordinates are left out: in or beside these places the {} run backwards, as they do on no surface. Something moved during the set, or a mirror shows the stripes again; what moved and kept \
+            "{:.1} % of what is decoded is left out: in or beside these places the {} run backwards, as they do on no surface. Something moved during the set, or a mirror shows the stripes again; what moved and kept \
              their order is decoded wrong",
             100.0 * part,
-            axis.in_words(),
             axis.in_words()
         )
     })

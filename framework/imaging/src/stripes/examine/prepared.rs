@@ -11,6 +11,8 @@ use crate::ImageView;
 /// Bits of an axis that have to be there, and finest ones that may lack altogether.
 const MIN_BITS: u32 = 3;
 const MOST_LEFT_OUT: u32 = 2;
+/// Where so many bits and more of an axis are dark, that says something.
+const LEAST_DARK_BITS: usize = 4;
 
 /// A set as it is to be decoded.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,6 +92,26 @@ impl Examination {
                 || !self.lacking(code, axis).is_empty()
         };
         Axis::BOTH.into_iter().filter(|it| code.has(*it) && !is_spoilt(*it)).collect()
+    }
+
+    /// Pixels that all bits of an axis which cannot be decoded leave dark, row by row; nothing where inverse pictures or phase steps tell shadows, or few bits are there. White lights them, but a shadow that
+    /// moved off before it was taken looks the same, and so does the axis's first stripe, which goes with it.
+    pub fn dark_in(&self, code: &StripeCode, pictures: &[ImageView<'_>], axis: Axis) -> Vec<bool> {
+        let of = |what: Shown| Some(pictures.get(self.picture(code, what)?)?.pixels());
+        let bits: Vec<&[u8]> =
+            (0..code.bits[axis.index()]).filter_map(|plane| of(Shown::Bit { axis, plane, inverse: false })).collect();
+        match (of(Shown::White), of(Shown::Black)) {
+            (Some(white), Some(black))
+                if code.inverse == Inverse::None && code.steps == 0 && bits.len() >= LEAST_DARK_BITS =>
+            {
+                let is_dark = |at: usize| {
+                    let both = u16::from(white[at]) + u16::from(black[at]);
+                    bits.iter().all(|it| 2 * u16::from(it[at]) <= both)
+                };
+                (0..white.len()).map(is_dark).collect()
+            }
+            _ => Vec::new(),
+        }
     }
 
     /// What [`super::decode()`] takes, of the axes that can be decoded; `pictures` are those that were examined.

@@ -69,3 +69,28 @@ fn many_bits_out_of_place_spoil_both_axes_and_few_their_own() {
     assert_eq!(usable(4), [Axis::Rows]);
     assert_eq!(usable(5), []);
 }
+
+#[test]
+fn a_shadow_is_known_from_an_axis_that_cannot_be_decoded() {
+    let code = StripeCode { inverse: Inverse::None, ..wall_code() };
+    let lit = Scene { shadow: |_, _| false, ..wall(3) };
+    // A shadow moves off between columns and rows, and one of the columns' pictures is black.
+    let mut pictures = lit.pictures(&code);
+    pictures[..8].clone_from_slice(&wall(3).pictures(&code)[..8]);
+    pictures[5].fill(14);
+    let found = examined(&code, &pictures);
+    assert_eq!(found.usable(&code), [Axis::Rows], "{:?}", found.faults);
+    let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+    let dark = found.dark_in(&code, &views, Axis::Columns);
+    let n_dark = |columns: std::ops::Range<usize>| {
+        (0..160 * 120).filter(|at| columns.contains(&(at % 160)) && dark[*at]).count()
+    };
+    assert!(
+        n_dark(87..90) == 3 * 120 && n_dark(0..86) + n_dark(91..160) == 0,
+        "{} and {}",
+        n_dark(87..90),
+        n_dark(0..160)
+    );
+    // With inverse pictures shadows show by themselves.
+    assert_eq!(found.dark_in(&wall_code(), &views, Axis::Columns), []);
+}
