@@ -48,7 +48,7 @@ fn seeds_differ_and_the_same_seeds_give_the_same() {
         .map(|it| it.unwrap().file_name().into_string().unwrap())
         .collect();
     kept.sort();
-    assert_eq!(kept, ["events.csv", "ledger.csv", "summary.json", "timing.json"]);
+    assert_eq!(kept, ["events.csv", "ledger.csv", "run.json", "summary.json", "timing.json"]);
     // A single run with that seed gives the same figure.
     let run = ["run", "hall.toml", "--seed", "8", "--duration", "2", "--quiet", "--out", "alone"];
     assert_eq!(foveate(folder.path(), &run).0, 0);
