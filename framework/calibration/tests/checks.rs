@@ -108,6 +108,37 @@ fn hold_out_errors_are_as_large_as_noise_and_geometry_make_them() {
 }
 
 #[test]
+fn what_two_cameras_saw_together_and_is_at_no_place_is_told() {
+    let mut room = solved(Fault::Nothing, 1);
+    assert!(checked(&room).fit.unsolved < 0.05, "{}", checked(&room).fit.unsolved);
+    // Of three points of four nothing was made.
+    for observation in room.observations.iter_mut().filter(|it| it.point.is_some_and(|point| point % 4 > 0)) {
+        *observation =
+            SolvedObservation { point: None, residual: None, role: ObservationRole::Unsolved, ..*observation };
+    }
+    room.points.truncate(room.points.len() / 4);
+    room.observations.retain(|it| it.point.is_none_or(|point| point < room.points.len()));
+    let found = checked(&room);
+    assert!((0.6..0.9).contains(&found.fit.unsolved), "{}", found.fit.unsolved);
+    assert_eq!(found.fit.judgement.level, Level::Redo);
+    assert!(found.fit.judgement.sentence.contains("is at no place"), "{}", found.fit.judgement.sentence);
+}
+
+#[test]
+fn a_camera_that_was_fitted_to_what_was_chosen_for_it_is_to_be_done_again() {
+    let mut room = solved(Fault::Nothing, 1);
+    let held = |it: &&mut SolvedObservation| it.camera == 2 && it.role == ObservationRole::HeldOut;
+    for observation in room.observations.iter_mut().filter(held) {
+        observation.residual = observation.residual.map(|it| it * 40.0);
+    }
+    let found = checked(&room);
+    let judgement = &found.cameras[2].judgement;
+    assert_eq!(judgement.level, Level::Redo, "{judgement:?}");
+    assert!(judgement.sentence.contains("where it was held out"), "{judgement:?}");
+    assert!(found.cameras.iter().enumerate().all(|(at, it)| at == 2 || it.judgement.level < Level::Redo));
+}
+
+#[test]
 fn what_is_under_the_floor_is_told_where_there_is_a_floor() {
     let mut network = solved(Fault::Nothing, 1);
     let fixed = || Some(Fixed { by: "an L-frame".to_owned(), sigma: None });

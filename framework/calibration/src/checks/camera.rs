@@ -62,6 +62,8 @@ pub struct PoseQuality {
 const EMPTY: f64 = 0.15;
 /// With so many of the nine empty, a camera saw the light hardly anywhere.
 pub(super) const ALMOST_ALL: usize = 6;
+/// Observations held out are told of from here on, in the median [px].
+const CONTRADICTED_PX: f64 = 1.0;
 /// Focal lengths known to this part are good, and usable [–].
 const FOCAL_SIGMA: [f64; 2] = [0.01, 0.05];
 const PLACES: [&str; 9] =
@@ -167,6 +169,9 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     let shallow =
         check.depth.is_some_and(|it| it.ratio < options.depth_ratio) && network.solved.cameras[camera].freed.focal;
     let level = by_centre.max(by_turn).max(by_focal).max(if shallow { Level::Usable } else { Level::Good });
+    if let Some(judgement) = contradicted(network, camera).filter(|it| it.level >= level) {
+        return judgement;
+    }
     if level > Level::Good {
         let centre = length(pose.centre_sigma, network.unit());
         let sentence = if level == by_focal && pose.focal_sigma > 0.0 {
@@ -202,6 +207,26 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
         }
         None => Judgement::new(Level::Good, format!("Camera {name} is well known.")),
     }
+}
+
+/// What is said of a camera whose observations that were held out are much farther off than those in use: its model fits what was chosen for it alone.
+fn contradicted(network: &Room<'_>, camera: usize) -> Option<Judgement> {
+    let residuals = |role: ObservationRole| -> Vec<f64> {
+        let own = network.of_camera[camera].iter().map(|it| &network.solved.observations[*it]);
+        own.filter(|it| it.role == role).filter_map(|it| Some(it.residual?.norm())).collect()
+    };
+    let (used, held) = (median(&residuals(ObservationRole::Used))?, median(&residuals(ObservationRole::HeldOut))?);
+    let level = CheckOptions::level(held / used, network.options.hold_out_ratio);
+    let name = network.name(camera);
+    let n_rejected = residuals(ObservationRole::Rejected).len();
+    (level > Level::Good && held > CONTRADICTED_PX).then(|| {
+        Judgement::new(
+            level,
+            format!(
+                "What camera {name} saw is {used:.2} px off where it is in use, {held:.2} px where it was held out, and {n_rejected} observations contradict it: its picture is not that of its model (a keystone correction, a zoom, another size of picture, a lens of another kind), or it moved."
+            ),
+        )
+    })
 }
 
 /// A length with its unit: millimetres below a metre.

@@ -1,6 +1,9 @@
 //! Observations held out, and lengths that are known.
 
+use std::collections::BTreeMap;
+
 use foveate_estimation::statistics::{SIGMA_PER_MAD, Summary, mad, median};
+use foveate_geometry::self_calibration::CameraStatus;
 use nalgebra::Point3;
 
 use super::network::{MEDIAN_CHI2, Room};
@@ -24,6 +27,8 @@ pub struct Fit {
     pub excess: Option<f64>,
     /// Share of the observations that contradict the rest [–].
     pub rejected: f64,
+    /// Share of what two calibrated cameras and more saw together that is at no place [–].
+    pub unsolved: f64,
     /// By camera: median of the observations in use and of those held out [px].
     pub by_camera: Vec<[Option<f64>; 2]>,
 }
@@ -48,8 +53,27 @@ pub(super) fn fit(network: &Room<'_>) -> Fit {
     let judged = rejected_count + count(ObservationRole::Used) + count(ObservationRole::HeldOut);
     let rejected = if judged > 0.0 { rejected_count / judged } else { 0.0 };
     let excess = excess(network);
-    let judgement = judge(network.options, training, held_out, excess, rejected);
-    Fit { judgement, training, held_out, ratio, excess, rejected, by_camera }
+    let unsolved = unsolved(network);
+    let judgement = judge(network.options, training, held_out, excess, [rejected, unsolved]);
+    Fit { judgement, training, held_out, ratio, excess, rejected, unsolved, by_camera }
+}
+
+/// Which part of what two calibrated cameras saw together has no place. Of a frame the camera that saw the second most of it has seen no more than that together with another.
+fn unsolved(network: &Room<'_>) -> f64 {
+    let mut counts: BTreeMap<usize, BTreeMap<usize, usize>> = BTreeMap::new();
+    let is_calibrated: Vec<bool> =
+        network.solved.cameras.iter().map(|it| it.status == CameraStatus::Calibrated).collect();
+    for it in network.solved.observations.iter().filter(|it| it.point.is_none() && is_calibrated[it.camera]) {
+        *counts.entry(it.frame).or_default().entry(it.camera).or_default() += 1;
+    }
+    let together = |of_frame: &BTreeMap<usize, usize>| {
+        let mut all: Vec<usize> = of_frame.values().copied().collect();
+        all.sort_unstable();
+        all.iter().rev().nth(1).copied().unwrap_or(0)
+    };
+    let without = counts.values().map(together).sum::<usize>() as f64;
+    let all = without + network.solved.points.len() as f64;
+    if all > 0.0 { without / all } else { 0.0 }
 }
 
 /// Squared distances of observations held out in units of their covariance, as a standard deviation.
@@ -72,7 +96,7 @@ fn judge(
     training: Option<Summary>,
     held_out: Option<Summary>,
     excess: Option<f64>,
-    rejected: f64,
+    [rejected, unsolved]: [f64; 2],
 ) -> Judgement {
     let Some(training) = training else {
         return Judgement::new(Level::Redo, "No observation is in use: nothing was calibrated; record again.");
@@ -83,7 +107,8 @@ fn judge(
     let by_excess =
         excess.filter(|_| excess_counts).map_or(Level::Good, |it| CheckOptions::level(it, options.hold_out_excess));
     let by_share = CheckOptions::level(rejected, options.rejected_share);
-    let level = by_px.max(by_excess).max(by_share);
+    let by_unsolved = CheckOptions::level(unsolved, options.unsolved_share);
+    let level = by_px.max(by_excess).max(by_share).max(by_unsolved);
     let kept = if held_out.is_some() { "held out" } else { "in use (none were held out)" };
     let figures = format!("Observations {kept} are {:.2} px off in the median, {:.2} px at p90", told.median, told.p90);
     let sentence = if level == Level::Good {
@@ -92,6 +117,11 @@ fn judge(
         format!(
             "{:.0} % of the observations contradict the rest: darken the room or mask lamps and mirrors.",
             100.0 * rejected
+        )
+    } else if by_unsolved == level {
+        format!(
+            "{:.0} % of what two cameras saw together is at no place that both could have seen: optics that are not as stated (focal length, middle, lens), or pictures that do not belong together.",
+            100.0 * unsolved
         )
     } else if by_excess == level {
         let times = excess.unwrap_or(f64::NAN);

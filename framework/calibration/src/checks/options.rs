@@ -10,6 +10,10 @@ pub struct CheckOptions {
     /// Share of the observations that were rejected [–]. Reflections and lamps make up a third in dark rooms; with half, right and wrong are
     /// a matter of chance.
     pub rejected_share: [f64; 2],
+    /// Share of what two calibrated cameras and more saw together that is at no place [–]: it contradicts their optics or poses before anything is solved of it.
+    pub unsolved_share: [f64; 2],
+    /// Of a camera, the median of observations held out over that of those in use [–]; told from 1 px on.
+    pub hold_out_ratio: [f64; 2],
     /// Standard deviation of a known length, relative [–]. Recordings of waved wands reach 0.3–0.9 %.
     pub length_spread: [f64; 2],
     /// How much worse the reversed world must fit at least, as a ratio of r.m.s. residuals: `[good from, usable from]` [–].
@@ -67,6 +71,8 @@ impl Default for CheckOptions {
             hold_out_px: [1.5, 5.0],
             hold_out_excess: [1.5, 3.0],
             rejected_share: [0.35, 0.6],
+            unsolved_share: [0.35, 0.5],
+            hold_out_ratio: [4.0, 8.0],
             length_spread: [0.01, 0.03],
             reversed_ratio: [2.0, 1.3],
             floor_tolerance_m: 0.1,

@@ -116,12 +116,12 @@ pub fn solve(
         board::calibrate(recording, board, solver_options).map_err(|fault| fault.to_string())?;
     let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
     let normals: Vec<_> = boards.iter().map(board::BoardPose::normal).collect();
-    if let Some(most) = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)) {
-        notes.push(format!(
-            "the board was seen at one angle only, within {:.0} degrees: focal lengths, and with them all distances, are not held. Tilt it in different ways, by 20 to 45 degrees",
+    let mut open = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)).map(|most| {
+        format!(
+            "The board was seen at one angle only, within {:.0} degrees: focal lengths, and with them all distances, are not held. Tilt it in different ways, by 20 to 45 degrees.",
             most.to_degrees()
-        ));
-    }
+        )
+    });
     for (camera, fit) in solved.cameras.iter().zip(&optics) {
         let mut by_reason: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for Refused { what, why } in &fit.refused {
@@ -138,7 +138,6 @@ pub fn solve(
             ));
         }
     }
-    let mut open = None;
     if !ambiguous.is_empty() {
         let names: Vec<&str> = ambiguous.iter().map(|it| solved.cameras[*it].name.as_str()).collect();
         open = Some(format!(
