@@ -54,6 +54,10 @@ const HELD: usize = 64;
 const WAITING: usize = 8;
 /// After a gap of so many pictures nothing is carried on.
 const MOST_MISSING: u64 = 3;
+/// So many pictures without their next one, and no map: the camera is slower than the projector.
+const SLOW: u64 = 3;
+/// Boundaries of which more than this part has no repetition are told [–].
+const UNKNOWN: f64 = 0.05;
 /// A projector may drop so many pictures in a row.
 const MOST_OTHERS: u32 = 2;
 /// Edges for each row, on average, below which a picture has no stripes.
@@ -127,6 +131,8 @@ pub struct Boundaries {
     found: u64,
     ghosts: u64,
     unknown_period: u64,
+    /// Pictures whose next one of the code is missing.
+    unfollowed: u64,
     /// What was wrong: the first time in words, and how often.
     faults: BTreeMap<&'static str, (String, u64)>,
 }
@@ -190,6 +196,7 @@ impl Node for Boundaries {
             found: 0,
             ghosts: 0,
             unknown_period: 0,
+            unfollowed: 0,
             faults: BTreeMap::new(),
         })
     }
@@ -253,10 +260,34 @@ impl Node for Boundaries {
         report.figure(format!("boundaries.ghosts.{name}"), self.ghosts as f64 / self.found as f64);
         report.figure(format!("boundaries.unknown_period.{name}"), self.unknown_period as f64);
         self.remark_on_start(report);
-        for (first, n) in self.faults.values() {
+        let is_slow = self.frames == 0 && self.unfollowed >= SLOW;
+        if is_slow {
+            report.remark(format!(
+                "{name} took no two pictures of the code one after the other in {} pictures: it is slower than the projector; let both run at one rate",
+                self.unfollowed + 1
+            ));
+        }
+        let unknown = self.unknown_period as f64 / (self.unknown_period + self.found).max(1) as f64;
+        if self.frames > 0 && unknown > UNKNOWN {
+            report.remark(format!(
+                "{name}: {:.0} % of the boundaries are left out, since no repetition of the code, or more than one, fits the distances that the surface may have; wider stripes, or a narrower `distance_m`, tell them",
+                100.0 * unknown
+            ));
+        }
+        for (kind, (first, n)) in &self.faults {
+            if is_slow && *kind == "missing" {
+                continue;
+            }
             report.remark(if *n > 1 { format!("{first}; {n} times in all") } else { first.clone() });
         }
         Ok(())
+    }
+}
+
+fn missing_in_words(n: u64) -> String {
+    match n {
+        1 => "a picture of the camera is missing before this one".to_owned(),
+        n => format!("{n} pictures of the camera are missing before this one"),
     }
 }
 
@@ -390,11 +421,7 @@ impl Boundaries {
         let followed = match &before {
             Some(before) if (1..=MOST_MISSING).contains(&passed) => {
                 if passed > 1 {
-                    self.note(
-                        "missing",
-                        time,
-                        &format!("{} pictures of the camera are missing before this one", passed - 1),
-                    );
+                    self.note("missing", time, &missing_in_words(passed - 1));
                 }
                 let by = velocity * (time - before.stamp.time).as_s();
                 let field = shift(&before.camera, &camera, &self.projector, distance, &by);
@@ -408,16 +435,21 @@ impl Boundaries {
                 return;
             }
             Some(_) => {
-                self.note(
-                    "missing",
-                    time,
-                    &format!("{} pictures of the camera are missing before this one: begins anew", passed - 1),
-                );
+                self.note("missing", time, &format!("{}: begins anew", missing_in_words(passed - 1)));
                 self.follow(&edges, said, None, time)
             }
             None => self.follow(&edges, said, None, time),
         };
         let off = followed.off;
+        if let Some(before) = before.as_ref().filter(|_| passed > 1) {
+            self.unfollowed += 1;
+            self.empty += 1;
+            io.gap(
+                &MAP,
+                before.stamp.time,
+                "the picture after it is missing, and with it what boundaries of this one became",
+            );
+        }
         if let Some(before) = before.filter(|_| passed == 1) {
             let off = off.abs().max(before.off.abs());
             if off > MOST_OFF_PX {

@@ -36,13 +36,15 @@ pub fn describe(network: &SolvedNetwork, recording: &Recording) -> String {
         value("frames_used"),
         value("frames")
     );
+    let held_out = match [value("holdout_px.median"), value("holdout_px.p90")] {
+        [median, p90] if median.is_finite() => format!("moments held out {median:.2} px, {p90:.2} px"),
+        _ => "no moment was held out".to_owned(),
+    };
     let _ = writeln!(
         text,
-        "  re-projection {:.2} px median, {:.2} px at 90 %; moments held out {:.2} px, {:.2} px; noise of a coordinate {:.2} px",
+        "  re-projection {:.2} px median, {:.2} px at 90 %; {held_out}; noise of a coordinate {:.2} px",
         value("reprojection_px.median"),
         value("reprojection_px.p90"),
-        value("holdout_px.median"),
-        value("holdout_px.p90"),
         network.sigma_px
     );
     let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };

@@ -110,7 +110,15 @@ impl Node for SurfaceScore {
             let mm: Vec<f64> = drifts.iter().map(|it| it.0 * 1e3).collect();
             report.figure("surface.drift_mm.median", of(&mm, 50.0));
             report.figure("surface.drift_mm.max", of(&mm, 100.0));
-            report.figure("surface.pose_normalised", drifts.iter().map(|it| it.1).sum::<f64>() / drifts.len() as f64);
+            let normalised = drifts.iter().map(|it| it.1).sum::<f64>() / drifts.len() as f64;
+            report.figure("surface.pose_normalised", normalised);
+            let off = normalised.sqrt();
+            if off > SURE {
+                report.remark(format!(
+                    "The poses of joined clouds are off by {off:.0} times what their covariances state (root of the mean square; {:.2} mm in the median): do not weigh them by it.",
+                    of(&mm, 50.0)
+                ));
+            }
         }
         let Some((mesh, world)) = self.last.take().zip(self.world.take()) else {
             report.remark("No surface was joined: none was scored.");
@@ -137,6 +145,8 @@ impl Node for SurfaceScore {
     }
 }
 
+/// Poses that are off by more than so many times what they state are remarked upon [–].
+const SURE: f64 = 5.0;
 /// A sigma that is right within this factor is not remarked upon [–].
 const HONEST: f64 = 2.0;
 

@@ -215,9 +215,27 @@ fn the_distance_says_which_repetition_of_the_code_it_is() {
 }
 
 #[test]
+fn a_camera_that_is_slower_than_the_projector_is_told() {
+    let every = |n: usize| run(near(), STRIPE, 18, |it| if it % n > 0 { Condition::Lost } else { Condition::Fine });
+    for (n, n_pictures) in [(2, 9), (3, 6)] {
+        let found = every(n);
+        let figure = |name: &str| found.report.figures[&format!("boundaries.{name}.camera")];
+        assert!(found.maps.is_empty() && figure("frames") == 0.0, "{:?}", found.report.figures);
+        assert_eq!(figure("frames_empty"), f64::from(n_pictures - 1));
+        let told: Vec<&String> =
+            found.report.remarks.iter().filter(|it| it.contains("slower than the projector")).collect();
+        assert!(
+            told.len() == 1 && !found.report.remarks.iter().any(|it| it.contains("is missing")),
+            "{:?}",
+            found.report.remarks
+        );
+    }
+}
+
+#[test]
 fn what_goes_wrong_is_named_and_got_over() {
     let cases = [
-        (Condition::Lost, "1 pictures of the camera are missing"),
+        (Condition::Lost, "a picture of the camera is missing"),
         (Condition::Dropped, "the projector shows picture 3 of the code, expected picture 0"),
         (Condition::Dark, "too dark"),
         (Condition::Bright, "too bright"),
