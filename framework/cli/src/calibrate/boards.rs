@@ -116,12 +116,16 @@ pub fn solve(
         board::calibrate(recording, board, solver_options).map_err(|fault| fault.to_string())?;
     let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
     let normals: Vec<_> = boards.iter().map(board::BoardPose::normal).collect();
-    let mut open = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)).map(|most| {
-        format!(
+    let mut open = None;
+    if let Some(most) = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)) {
+        let sentence = format!(
             "The board was seen at one angle only, within {:.0} degrees: focal lengths, and with them all distances, are not held. Tilt it in different ways, by 20 to 45 degrees.",
             most.to_degrees()
-        )
-    });
+        );
+        // Those that stay as they were given hold by that.
+        let is_found = solved.cameras.iter().any(|it| it.freed.focal);
+        if is_found { open = Some(sentence) } else { notes.push(sentence) }
+    }
     for (camera, fit) in solved.cameras.iter().zip(&optics) {
         let mut by_reason: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for Refused { what, why } in &fit.refused {

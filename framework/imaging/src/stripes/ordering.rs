@@ -30,7 +30,7 @@ const LINES: usize = 6;
 const OF_LINES: f32 = 0.25;
 
 /// Leaves out coordinates that run backwards, and those beside them: by axis, which part of its known pixels they are. The other axis is left out there, too: what moved shows in both, and without one
-/// of them nothing contradicts the other. Where it is more than [`MOST_OF_ALL`] of an axis it is that axis that is wrong.
+/// of them nothing contradicts the other. Where it is more than a fifth of an axis it is that axis that is wrong.
 pub fn leave_out_backwards(found: &mut Coordinates) -> [f64; 2] {
     let [width, height] = found.size;
     let places = Axis::BOTH.map(|axis| {
