@@ -53,7 +53,7 @@ pub struct EvalArgs {
     /// Folder for eval.json, eval.csv, eval.svg and the seeds' summaries, without an evaluation in it [default: results/RIG-eval-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
-    /// Go on with an evaluation in --out that was interrupted, or with more seeds: of the same rig, duration and calibration, seeds that came to their end are taken as they are
+    /// Go on with an evaluation in --out that was interrupted, or with more seeds: with the same text of the rig, --duration and --calibrate, seeds that came to their end are taken as they are
     #[arg(long, requires = "out")]
     resume: bool,
     /// Seeds at a time [default: one for each core]

@@ -70,20 +70,20 @@ struct Lines {
 }
 
 impl Lines {
-    /// The mean step from pixel to pixel, which most go in the direction of [projector px].
+    /// The mean step from pixel to pixel, in the direction in which all of them together go [projector px].
     fn pace(&self, values: &[f32]) -> f32 {
-        let (mut sum, mut n, mut forwards) = (0.0, 0, 0_i64);
+        let (mut sum, mut together, mut n) = (0.0, 0.0, 0);
         for line in 0..self.n {
             let at = |it: usize| values[line * self.next_line + it * self.next];
             // NaN where one of two is not known.
             for step in (1..self.length).map(|it| at(it) - at(it - 1)).filter(|it| it.abs() <= JUMP) {
                 sum += f64::from(step.abs());
+                together += f64::from(step);
                 n += 1;
-                forwards += i64::from(step > NOISE) - i64::from(step < -NOISE);
             }
         }
         let mean = (sum / f64::from(n.max(1))) as f32;
-        if forwards < 0 { -mean } else { mean }
+        if together < 0.0 { -mean } else { mean }
     }
 
     /// Pixels that are to be left out where most steps are as `pace`.
@@ -213,8 +213,9 @@ mod tests {
 
     #[test]
     fn surfaces_in_one_order_stay_whatever_way_the_camera_is_turned() {
-        // As it is, upside down, on its side, and by an eighth of a turn; a step to another surface in each.
-        let turns: [fn(f64, f64) -> [f64; 2]; 4] = [
+        // As it is, upside down, on its side, and by an eighth of a turn; upside down and so near that a column is seven pixels wide. A step to another surface in most.
+        let turns: [fn(f64, f64) -> [f64; 2]; 5] = [
+            |x, y| [100.0 - 0.14 * x, 80.0 - 0.14 * y],
             |x, y| [20.0 + 0.61 * x + 0.04 * y + if x > 90.0 { -17.0 } else { 0.0 }, 12.0 + 0.58 * y],
             |x, y| [140.0 - 0.61 * x - 0.04 * y, 100.0 - 0.58 * y + if y > 50.0 { -17.0 } else { 0.0 }],
             |x, y| [20.0 + 0.61 * y + if y > 60.0 { 13.0 } else { 0.0 }, 110.0 - 0.58 * x],
