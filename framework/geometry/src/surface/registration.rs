@@ -14,11 +14,17 @@
 //! Points that share a match share its error: with the variance of the match k times as large for each, their k pairs together know no more than the match does. Tukey's weights
 //! stand on the median absolute residual over its σ, the `misfit`; the covariance is scaled by the square of it, so that stated sigmas that are all too large or small by one factor do no harm.
 //!
+//! Errors that neighbours share, along a stripe or where two clouds saw different light, do not become less with more points, and no point's covariance has them. What each part of the cloud pulls the pose to does: the
+//! covariance is also found by leaving out one cell of points after the other (J. Tukey's jackknife, by clusters as in A. Cameron and D. Miller, "A practitioner's guide to cluster-robust inference", Journal of Human
+//! Resources 50(2), 2015; cells of space as clusters: T. Conley, "GMM estimation with cross sectional dependence", Journal of Econometrics 92(1), 1999), for cells of several widths. What is stated is in no
+//! direction less than any of these, nor than what independent errors leave. What all of a cloud shares is in none of them.
+//!
 //! A direction in which the cloud slides along itself moves no point along its normal. With H = Σ w j jᵀ and M = Σ w Pᵀ P, P = (−[p]×, 1), the eigenvalues μ of H v = μ M v are the mean squared
 //! cosines between motion and normal, 0 to 1 whatever units and sizes are. Noise of normals alone would make a plane seem to hold; so H is taken between the normals of cloud and surface, whose
 //! noise has nothing in common, where the cloud has normals. What does not hold stays at the start, with the covariance of the start.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::ops::AddAssign;
 
 use foveate_estimation::statistics::SIGMA_PER_MAD;
 use nalgebra::{
@@ -128,6 +134,12 @@ const TUKEY: f64 = 4.685;
 const TUKEY_VARIANCE: f64 = 1.0 / 0.95;
 /// The scale of residuals is at least this, over what was stated [–].
 const LEAST_MISFIT: f64 = 0.05;
+/// Widths of the cells within which errors may be shared [bins].
+const CELLS: [i64; 4] = [3, 6, 12, 16];
+/// Into so many bins the widest side of a cloud is parted.
+const BINS: i64 = 48;
+/// What fewer of them scatter by says too little.
+const MIN_CELLS: f64 = 12.0;
 
 /// Registers `cloud`, whose points lie about where `start` takes them, on `surface`. `start_covariance` is of δ in `start` ∘ exp(δ); it enters as a measurement, and decides which
 /// levels of the surface are tried.
@@ -182,16 +194,17 @@ pub fn register(
     if solved.moved > solved.sigma {
         return Err(RegistrationError::NotConverged { moved_m: solved.moved, sigma_m: solved.sigma });
     }
+    let covariance = fit.shared(surface, &solved);
     Ok(Registration {
         surface_from_cloud: fit.pose,
-        covariance: solved.covariance,
+        covariance,
         not_held: solved.not_held,
         hold: solved.hold,
         n_pairs: solved.n_inliers,
         overlap,
         misfit: solved.misfit,
         n_steps,
-        sigma: solved.sigma,
+        sigma: fit.motion(&covariance),
         moved: (fit.pose.translation.vector - start.translation.vector).norm(),
     })
 }
@@ -208,7 +221,12 @@ struct Fit<'a> {
 
 /// What a step was like.
 struct Solved {
+    /// Of errors that are independent.
     covariance: Matrix6<f64>,
+    /// Takes what slides out of a δ.
+    projector: Matrix6<f64>,
+    /// Of weights, for the misfit [–].
+    scale: f64,
     not_held: Vec<Vector6<f64>>,
     hold: f64,
     misfit: f64,
@@ -227,6 +245,35 @@ struct Pair {
     residual: f64,
     point_variance: f64,
     found: Match,
+}
+
+/// Pairs with their weights.
+struct Weighted {
+    pairs: Vec<Pair>,
+    /// 0 for outliers [1/m²].
+    weights: Vec<f64>,
+    misfit: f64,
+    n_inliers: usize,
+}
+
+impl Weighted {
+    fn inliers(&self) -> impl Iterator<Item = (&Pair, f64)> {
+        self.pairs.iter().zip(self.weights.iter().copied()).filter(|it| it.1 > 0.0)
+    }
+}
+
+/// What the pairs of a part of the cloud give to the normal equations.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    hessian: Matrix6<f64>,
+    slope: Vector6<f64>,
+}
+
+impl AddAssign<&Part> for Part {
+    fn add_assign(&mut self, other: &Part) {
+        self.hessian += other.hessian;
+        self.slope += other.slope;
+    }
 }
 
 impl Pair {
@@ -266,8 +313,8 @@ impl Fit<'_> {
         self.points.iter().filter_map(pair).collect()
     }
 
-    /// Pairs anew, and one step of weighted least squares. `None`: too few pairs.
-    fn step(&mut self, surface: &impl Surface, level: usize) -> Option<Solved> {
+    /// Pairs anew, each with its weight, zero for outliers. `None`: too few of them.
+    fn weighted(&self, surface: &impl Surface, level: usize) -> Option<Weighted> {
         let pairs = self.pairs(surface, level);
         if pairs.len() < self.options.min_pairs.max(6) {
             return None;
@@ -281,16 +328,22 @@ impl Fit<'_> {
         let middle = sizes.len() / 2;
         let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
         let misfit = (SIGMA_PER_MAD * median).max(LEAST_MISFIT);
-
-        let (mut hessian, mut crossed, mut motions) = (Matrix6::zeros(), Matrix6::zeros(), Matrix6::zeros());
-        let (mut slope, mut n_inliers, mut n_oriented) = (Vector6::zeros(), 0, 0);
-        for (pair, variance) in pairs.iter().zip(&variances) {
+        let weight = |(pair, variance): (&Pair, &f64)| {
             let share = pair.residual / (TUKEY * misfit * variance.sqrt());
-            if share.abs() >= 1.0 {
-                continue;
-            }
-            n_inliers += 1;
-            let weight = (1.0 - share * share).powi(2) / variance;
+            (1.0 - share * share).max(0.0).powi(2) / variance
+        };
+        let weights: Vec<f64> = pairs.iter().zip(&variances).map(weight).collect();
+        let n_inliers = weights.iter().filter(|it| **it > 0.0).count();
+        (n_inliers >= 6).then_some(Weighted { pairs, weights, misfit, n_inliers })
+    }
+
+    /// Pairs anew, and one step of weighted least squares. `None`: too few pairs.
+    fn step(&mut self, surface: &impl Surface, level: usize) -> Option<Solved> {
+        let weighted = self.weighted(surface, level)?;
+        let Weighted { misfit, n_inliers, .. } = weighted;
+        let (mut hessian, mut crossed, mut motions) = (Matrix6::zeros(), Matrix6::zeros(), Matrix6::zeros());
+        let (mut slope, mut n_oriented) = (Vector6::zeros(), 0);
+        for (pair, weight) in weighted.inliers() {
             let direction = pair.direction(&pair.normal);
             hessian += direction * direction.transpose() * weight;
             slope += direction * (pair.residual * weight);
@@ -303,13 +356,11 @@ impl Fit<'_> {
                 crossed += (both + both.transpose()) * 0.5;
             }
         }
-        if n_inliers < 6 {
-            return None;
-        }
         let shape = if 2 * n_oriented > n_inliers { crossed * (n_inliers as f64 / n_oriented as f64) } else { hessian };
         let Slides { hold, not_held, projector } = slides(&shape, &motions, self.options.min_hold)?;
-        let data = projector.transpose() * hessian * projector / (misfit * misfit * TUKEY_VARIANCE);
-        let slope = projector.transpose() * slope / (misfit * misfit * TUKEY_VARIANCE);
+        let scale = 1.0 / (misfit * misfit * TUKEY_VARIANCE);
+        let data = projector.transpose() * hessian * projector * scale;
+        let slope = projector.transpose() * slope * scale;
         let off = self.start.inverse() * self.pose;
         let mut from_start = Vector6::zeros();
         from_start.fixed_rows_mut::<3>(0).copy_from(&off.rotation.scaled_axis());
@@ -324,7 +375,42 @@ impl Fit<'_> {
         self.pose *= Isometry3::from_parts(Translation3::from(shift), UnitQuaternion::from_scaled_axis(turn));
         let moved = self.motion(&(delta * delta.transpose()));
         let sigma = self.motion(&covariance);
-        Some(Solved { covariance, not_held, hold, misfit, n_inliers, moved, sigma })
+        Some(Solved { covariance, projector, scale, not_held, hold, misfit, n_inliers, moved, sigma })
+    }
+
+    /// The covariance where errors are shared by neighbours: by what each cell alone pulls the pose to, for cells of several widths.
+    fn shared(&self, surface: &impl Surface, solved: &Solved) -> Matrix6<f64> {
+        let weighted = self.weighted(surface, 0);
+        let Some((weighted, whole)) = weighted.zip(solved.covariance.try_inverse()) else { return solved.covariance };
+        let (mut least, mut most) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+        for (pair, _) in weighted.inliers() {
+            (least, most) = (least.inf(&pair.point.coords), most.sup(&pair.point.coords));
+        }
+        let per_bin = BINS as f64 / (most - least).max();
+        let mut bins: BTreeMap<[i64; 3], Part> = BTreeMap::new();
+        for (pair, weight) in weighted.inliers() {
+            let bin = ((pair.point.coords - least) * per_bin).map(|it| it as i64);
+            let direction = solved.projector.transpose() * pair.direction(&pair.normal);
+            let weight = weight * solved.scale;
+            let part = bins.entry(bin.into()).or_default();
+            part.hessian += direction * direction.transpose() * weight;
+            part.slope += direction * (pair.residual * weight);
+        }
+        let prior = solved.covariance * self.prior * solved.covariance;
+        CELLS.into_iter().fold(solved.covariance, |covariance, width| {
+            let (mut spread, mut n) = (Matrix6::zeros(), 0.0);
+            // Where borders of cells lie is chance.
+            for shift in [0, width / 2] {
+                let mut cells: BTreeMap<[i64; 3], Part> = BTreeMap::new();
+                for (bin, part) in &bins {
+                    *cells.entry(bin.map(|it| (it + shift) / width)).or_default() += part;
+                }
+                n += 0.5 * cells.len() as f64;
+                let moved = |it: &Part| Some(Cholesky::new(whole - it.hessian)?.solve(&it.slope));
+                spread += cells.values().filter_map(moved).map(|it| it * it.transpose() * 0.5).sum::<Matrix6<f64>>();
+            }
+            if n < MIN_CELLS { covariance } else { larger(&covariance, &(spread * ((n - 1.0) / n) + prior)) }
+        })
     }
 
     /// Root mean square motion of the points by what has a covariance [m].
@@ -338,6 +424,15 @@ impl Fit<'_> {
         }
         (sum / n).sqrt()
     }
+}
+
+/// The least covariance that is in no direction less than either.
+fn larger(one: &Matrix6<f64>, other: &Matrix6<f64>) -> Matrix6<f64> {
+    let Some(lower) = Cholesky::new(*one).map(|it| it.l()) else { return *other };
+    let Some(inverse) = lower.try_inverse() else { return *other };
+    let eigen = (inverse * other * inverse.transpose()).symmetric_eigen();
+    let axes = lower * eigen.eigenvectors;
+    axes * Matrix6::from_diagonal(&eigen.eigenvalues.map(|it| it.max(1.0))) * axes.transpose()
 }
 
 /// Directions in which a cloud slides along itself.

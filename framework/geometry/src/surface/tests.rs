@@ -152,6 +152,31 @@ fn outliers_and_a_sigma_that_is_wrong_by_a_factor_do_not_mislead() {
 }
 
 #[test]
+fn errors_that_neighbours_share_are_in_the_covariance_of_the_pose() {
+    for (wide, long) in [(0.009, 0.009), (0.004, 0.05), (0.02, 0.02)] {
+        let (normalised, _) = over_seeds(30, |random| {
+            let model = patches(&Shape::Face.scan([-HALF, HALF], 0.001, SIGMA, random));
+            let truth = pose(random, 0.01, 0.05);
+            let mut cloud = Shape::Face.scan([-HALF, HALF], 0.0015, SIGMA, random);
+            let (n, m) = ((2.0 * HALF / wide) as usize + 2, (2.0 * HALF / long) as usize + 2);
+            let [x, y] = [random.uniform(), random.uniform()];
+            let shared: Vec<f64> = (0..n * m).map(|_| 2.0 * SIGMA * random.normal()).collect();
+            for it in &mut cloud {
+                let column = ((it.position.x + HALF) / wide + x) as usize;
+                let row = ((it.position.y + HALF) / long + y) as usize;
+                it.position.z += shared[row * n + column];
+            }
+            let start = truth * pose(random, 0.005, 0.03);
+            let cloud = moved(&cloud, &truth);
+            let prior = covariance(0.005, 0.03);
+            let found = register(&cloud, &model, &start, &prior, &RegistrationOptions::default()).unwrap();
+            (found, truth)
+        });
+        assert!((0.5..3.0).contains(&normalised), "cells of {wide} m x {long} m: {normalised}");
+    }
+}
+
+#[test]
 fn wrong_starts_of_centimetres_and_degrees_are_put_right_or_refused_and_never_believed() {
     let mut n_found = 0;
     for seed in 0..40 {

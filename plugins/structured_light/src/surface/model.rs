@@ -44,8 +44,12 @@ pub struct Piece {
 pub struct Joined {
     /// Takes the cloud to the surface.
     pub surface_from_cloud: Isometry3<f64>,
-    /// Of δ in `surface_from_cloud`⁻¹ ∘ exp(δ): an error of where the surface lies as that cloud saw it, (rotation, translation) [rad², rad m, m²].
+    /// Of δ in `surface_from_cloud`⁻¹ ∘ exp(δ): an error of where the first cloud of the surface lies as that cloud saw it, (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
+    /// Root mean square motion of the cloud's points by an error of one standard deviation of that [m].
+    pub sigma: f64,
+    /// What all points of the cloud share, such as the error of its camera's pose: a shift of the whole, in the space of the surface [m²].
+    pub shared: Matrix3<f64>,
     /// `None` for the cloud that the surface began with, and for those that lie where they are said to.
     pub registration: Option<Registration>,
     /// Points that are in the surface now.
@@ -104,6 +108,10 @@ struct Grown {
     /// Its time [s].
     time_s: f64,
     n_pieces: usize,
+    /// Of where it lies beside its first cloud: an error δ of poses that lead into it, from the left.
+    covariance: Matrix6<f64>,
+    /// Points in it, those of older clouds for what they still count.
+    n_points: f64,
 }
 
 /// A point counts no less than this of what it did, so that weights stay numbers.
@@ -155,6 +163,8 @@ impl Model {
         let n_without_normal = find_normals(&mut points, NORMAL_RADIUS * voxel_m, &piece.viewpoint);
         // What a whole cloud shares, such as the error of its camera's pose, is for registration to find, and does not become less with more points.
         let scatter = scatter(&points, CELL * voxel_m);
+        let sum: Matrix3<f64> = points.iter().map(|it| it.covariance).sum();
+        let shared = sum * ((1.0 - scatter * scatter) / points.len().max(1) as f64);
         for (to, from) in piece.points.iter_mut().zip(points) {
             to.0 = SurfacePoint { covariance: from.covariance * (scatter * scatter), ..from };
         }
@@ -162,7 +172,7 @@ impl Model {
         let (registration, covariance) = match (&self.grown, &self.options.registration) {
             (Some(grown), Some(options)) => {
                 let (found, covariance) = self.registered(grown, options, &piece, covariance)?;
-                (Some(found), covariance)
+                (Some(found), covariance + grown.covariance)
             }
             (Some(_), None) => (None, *covariance),
             (None, _) => {
@@ -184,11 +194,14 @@ impl Model {
             surface_from_cloud,
             time_s: piece.time_s,
             n_pieces: 0,
+            covariance: Matrix6::zeros(),
+            n_points: 0.0,
         });
         if self.options.keep_s > 0.0 {
             let share = (-(piece.time_s - grown.time_s).max(0.0) / self.options.keep_s).exp().max(LEAST_SHARE);
             grown.field.fade(share);
             grown.patches.fade(share);
+            grown.n_points *= share;
         }
         grown.time_s = grown.time_s.max(piece.time_s);
         let turn: Matrix3<f64> = surface_from_cloud.rotation.to_rotation_matrix().into_inner();
@@ -208,9 +221,26 @@ impl Model {
                 Fused::Unfit => {}
             }
         }
+        grown.n_points += n_fused as f64;
+        if registration.is_some() && n_fused > 0 {
+            // The new cloud moves what is there by its own error, for as much as it counts.
+            let share = n_fused as f64 / grown.n_points;
+            grown.covariance += (covariance - grown.covariance) * (share * share);
+        }
         grown.surface_from_cloud = surface_from_cloud;
         grown.n_pieces += 1;
-        Ok(Joined { surface_from_cloud, covariance, registration, n_fused, n_without_normal, n_beyond_memory })
+        let sigma = motion(&covariance, piece.points.iter().map(|it| surface_from_cloud * it.0.position));
+        let shared = turn * shared * turn.transpose();
+        Ok(Joined {
+            surface_from_cloud,
+            covariance,
+            sigma,
+            shared,
+            registration,
+            n_fused,
+            n_without_normal,
+            n_beyond_memory,
+        })
     }
 
     fn registered(
@@ -246,6 +276,22 @@ impl Model {
     fn first_voxel_m(&self, piece: &Piece) -> f64 {
         if self.options.voxel_m > 0.0 { self.options.voxel_m } else { 2.0 * spacing(piece) }
     }
+}
+
+/// Root mean square motion of points by an error of one standard deviation [m].
+pub fn motion(covariance: &Matrix6<f64>, points: impl Iterator<Item = Point3<f64>>) -> f64 {
+    // Of |ω × p + v|² = ωᵀ (|p|² 1 − p pᵀ) ω + 2 ω · (p × v) + |v|², the means of p and of p pᵀ are all that is needed.
+    let (mut sum, mut squares, mut n) = (Vector3::zeros(), Matrix3::zeros(), 0.0);
+    for point in points {
+        sum += point.coords;
+        squares += point.coords * point.coords.transpose();
+        n += 1.0;
+    }
+    let (mean, squares) = (sum / n, squares / n);
+    let block = |row, column| covariance.fixed_view::<3, 3>(row, column).into_owned();
+    let turns = (block(0, 0) * (Matrix3::identity() * squares.trace() - squares)).trace();
+    let both = 2.0 * (block(0, 3) * mean.cross_matrix().transpose()).trace();
+    (turns + both + block(3, 3).trace()).max(0.0).sqrt()
 }
 
 /// Of an error δ on the right of a pose T: T exp(δ) = exp(A δ) T.

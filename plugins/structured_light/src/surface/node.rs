@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Matrix6, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::model::{Joined, Model, ModelOptions, Piece};
+use super::model::{Joined, Model, ModelOptions, Piece, motion};
 
 ports! {
     pub(super) fn declared_ports;
@@ -34,7 +34,8 @@ figures! {
     "surface.triangles": count, neither, "Triangles of it";
     "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals: noise, and by how much points contradict each other; not what all of them share";
     "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
-    "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose, as stated by registration, median over clouds";
+    "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose beside the first cloud, as stated, median over clouds";
+    "surface.place_sigma_mm": mm, low, "Root mean square error of the last surface's vertices by what all of them share, as stated: the pose of its last cloud, and what all points of that share, as the error of its camera's pose";
     "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
     "surface.memory_bytes": bytes, low, "What voxels and patches take";
 }
@@ -144,7 +145,7 @@ pub struct JoinedSurface {
     moment: Option<Time>,
     /// When a surface with triangles was last sent, and how many points it had.
     sent: Option<(Time, u64)>,
-    last: [f64; 3],
+    last: [f64; 4],
     corrections_mm: Vec<f64>,
     pose_sigmas_mm: Vec<f64>,
     misfits: Vec<f64>,
@@ -221,7 +222,7 @@ impl Node for JoinedSurface {
             n_left_out: 0,
             moment: None,
             sent: None,
-            last: [0.0; 3],
+            last: [0.0; 4],
             corrections_mm: Vec::new(),
             pose_sigmas_mm: Vec::new(),
             misfits: Vec::new(),
@@ -274,11 +275,12 @@ impl Node for JoinedSurface {
         report.figure("surface.restarts", self.n_restarts as f64);
         report.figure("surface.voxel_mm", 1e3 * self.model.voxel_m());
         report.figure("surface.memory_bytes", self.model.bytes() as f64);
-        let [vertices, triangles, sigma] = self.last;
+        let [vertices, triangles, sigma, place_sigma] = self.last;
         report.figure("surface.vertices", vertices);
         report.figure("surface.triangles", triangles);
         if vertices > 0.0 {
             report.figure("surface.sigma_mm", 1e3 * sigma);
+            report.figure("surface.place_sigma_mm", 1e3 * place_sigma);
         }
         for (name, list) in [
             ("surface.correction_mm", &self.corrections_mm),
@@ -391,12 +393,15 @@ impl JoinedSurface {
 
     fn note(&mut self, joined: &Joined) {
         let Some(found) = &joined.registration else { return };
-        self.pose_sigmas_mm.push(1e3 * found.sigma);
+        self.pose_sigmas_mm.push(1e3 * joined.sigma);
         self.misfits.push(found.misfit);
         self.corrections_mm.push(1e3 * found.moved);
     }
 
     fn mesh(&mut self, time: Time, world_from_mesh: &Isometry3<f64>, joined: &Joined) -> Mesh {
+        let mut covariance = joined.covariance;
+        let mut shift = covariance.fixed_view_mut::<3, 3>(3, 3);
+        shift += joined.shared;
         let surface = self.model.mesh(&self.mesh_options);
         let vertices = surface.vertices.iter().map(|it| MeshVertex {
             position: it.position.cast(),
@@ -409,10 +414,11 @@ impl JoinedSurface {
             time,
             n_clouds: self.n_joined as u32,
             world_from_mesh: *world_from_mesh,
-            covariance: joined.covariance,
+            covariance,
             ..Mesh::new(vertices, &surface.triangles)
         };
-        self.last = [surface.vertices.len() as f64, surface.triangles.len() as f64, mesh.mean_sigma];
+        let place_sigma = motion(&covariance, surface.vertices.iter().map(|it| it.position));
+        self.last = [surface.vertices.len() as f64, surface.triangles.len() as f64, mesh.mean_sigma, place_sigma];
         mesh
     }
 }

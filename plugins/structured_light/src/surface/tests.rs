@@ -9,7 +9,7 @@ use foveate::node::scale::{ScalePlace, ScaleTree};
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3};
 
-use super::model::{Model, ModelOptions, Piece, Refusal};
+use super::model::{Model, ModelOptions, Piece, Refusal, motion};
 use super::node::{CLOUD, JOINED, JoinedSurface, SPACES, SURFACE, SurfaceSettings};
 
 const HALF: f64 = 0.06;
@@ -231,6 +231,60 @@ fn what_all_points_of_a_cloud_share_is_no_noise() {
     let mesh = model.mesh(&MeshOptions { min_points: 0.5, min_triangles: 100 });
     let sigma = mesh.vertices.iter().map(|it| it.sigma).sum::<f64>() / mesh.vertices.len() as f64;
     assert!((5e-6..3e-5).contains(&sigma), "{sigma}");
+}
+
+#[test]
+fn where_older_clouds_fade_errors_of_poses_add_up_and_covariances_with_them() {
+    let (mut normalised, n) = (0.0, 20);
+    for seed in 0..n {
+        let mut random = Random::new(seed);
+        // Of each cloud, the next one finds hardly more than itself.
+        let mut model = Model::new(ModelOptions { keep_s: 0.2, ..options() });
+        for number in 0..9 {
+            let mut cloud = piece(&full(0.0015, false, &mut random), &Isometry3::identity());
+            cloud.time_s = f64::from(number);
+            let joined = model.join(cloud, &Matrix6::zeros()).unwrap();
+            if number == 8 {
+                let off = joined.surface_from_cloud;
+                let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
+                let error = nalgebra::Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+                normalised += error.dot(&(joined.covariance.try_inverse().unwrap() * error)) / 6.0 / n as f64;
+            }
+        }
+    }
+    assert!((0.4..2.0).contains(&normalised), "{normalised}");
+}
+
+#[test]
+fn what_a_cloud_shares_is_in_the_covariance_of_the_surfaces_place_and_in_no_vertex() {
+    let mut random = Random::new(9);
+    let mut model = Model::new(options());
+    let mut cloud = piece(&full(0.001, false, &mut random), &Isometry3::identity());
+    let shared = Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 9e-6));
+    cloud.points.iter_mut().for_each(|it| it.0.covariance += shared);
+    let joined = model.join(cloud, &Matrix6::zeros()).unwrap();
+    assert!((joined.shared - shared).amax() < 3e-7, "{}", joined.shared);
+    let mut alone = Model::new(options());
+    let joined =
+        alone.join(piece(&full(0.001, false, &mut random), &Isometry3::identity()), &Matrix6::zeros()).unwrap();
+    assert!(joined.shared.amax() < 1e-8 && joined.sigma == 0.0, "{joined:?}");
+}
+
+#[test]
+fn the_points_motion_by_a_covariance_is_the_mean_over_the_points() {
+    let mut random = Random::new(10);
+    let points: Vec<Point3<f64>> =
+        (0..50).map(|_| Point3::from(Vector3::from_fn(|_, _| 0.3 + random.normal()))).collect();
+    let root = Matrix6::from_fn(|_, _| random.normal());
+    let covariance = root * root.transpose();
+    let one = |it: &Point3<f64>| {
+        let mut by = nalgebra::Matrix3x6::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0).copy_from(&-it.coords.cross_matrix());
+        by.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
+        (by * covariance * by.transpose()).trace()
+    };
+    let expected = (points.iter().map(one).sum::<f64>() / points.len() as f64).sqrt();
+    assert!((motion(&covariance, points.iter().copied()) - expected).abs() < 1e-9 * expected);
 }
 
 #[test]
