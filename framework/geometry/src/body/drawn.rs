@@ -66,6 +66,8 @@ pub(super) struct Stance {
     pub elbows: [f64; 2],
     /// Knees, left and right; thighs go forward half as far [rad].
     pub knees: [f64; 2],
+    /// With thighs ahead and calves down, whatever the knees are.
+    pub sits: bool,
     /// The trunk forwards [rad].
     pub lean: f64,
     /// [rad]
@@ -85,6 +87,7 @@ impl Stance {
             arms: [arm, arm + random.uniform_in(-0.1, 0.1)],
             elbows: [random.uniform_in(0.05, 0.3), random.uniform_in(0.05, 0.3)],
             knees: [0.05; 2],
+            sits: false,
             lean: random.uniform_in(-0.05, 0.1),
             heading: random.uniform_in(0.0, std::f64::consts::TAU),
             at: [random.uniform_in(-0.3, 0.3), random.uniform_in(-0.3, 0.3)],
@@ -150,8 +153,8 @@ impl Stance {
             tubes.push(([elbow, wrist], 0.038 * s));
             tubes.push(([wrist, wrist + lower * (0.1 * s)], 0.036 * s));
             let hip = v(0.0, side * 0.09 * w, -0.02 * s);
-            let [thigh, calf] = [self.knees[i] / 2.0, -self.knees[i] / 2.0]
-                .map(|it| v(it.sin(), side * self.spread, -it.cos()).normalize());
+            let bends = if self.sits { [1.5, 0.1] } else { [self.knees[i] / 2.0, -self.knees[i] / 2.0] };
+            let [thigh, calf] = bends.map(|it| v(it.sin(), side * self.spread, -it.cos()).normalize());
             let knee = hip + thigh * (0.43 * s);
             let ankle = knee + calf * (0.42 * s);
             tubes.push(([hip, knee], 0.075 * s * self.wide.sqrt()));

@@ -7,7 +7,7 @@ use super::super::field::VoxelField;
 use super::super::filter::BodyFilter;
 use super::super::fit::Labelled;
 use super::super::layout::{Layout, Presence};
-use super::super::limbs::{LimbFound, Taken, find_limb};
+use super::super::limbs::{LimbFound, Taken, find_limb, limb_templates};
 use super::super::model::Body;
 use super::super::parts::{Joint, Limb, Part};
 use super::super::proportions::{Proportions, share};
@@ -21,6 +21,9 @@ const ELSEWHERE: f64 = 0.4;
 
 /// A limb goes elsewhere where that is so much better: an odds ratio of 150 [–].
 pub(super) const BETTER: f64 = 5.0;
+
+/// Templates of an arm that lies in a thing: so many, their ends so far apart [–, m].
+const OTHER_TEMPLATES: (usize, f64) = (4, 0.10);
 
 /// Sizes that are less likely belong to nobody: 3 standard deviations in each of two numbers of both parts would be 18 [–].
 const UNUSUAL: f64 = 6.0;
@@ -229,21 +232,31 @@ impl BodyTracker {
             return;
         }
         let unusual = self.unusual(limb);
-        let mut trial = self.clone();
-        trial.forget_sizes(limb);
+        let mut start = self.clone();
+        start.forget_sizes(limb);
         let taken = self.taken_without(field, &[limb]);
         let options = &self.options.acquisition.limbs;
-        let Some(found) = find_limb(field, &trial.filter.body, limb, &taken, options, None) else { return };
-        let now = limb.parts().map(|it| self.filter.body.turn(it) * Vector3::z());
-        if found.turns.iter().zip(&now).all(|(a, b)| (a * Vector3::z()).angle(b) < ELSEWHERE) {
-            return;
+        let body = &start.filter.body;
+        let mut templates: Vec<LimbFound> = find_limb(field, body, limb, &taken, options, None).into_iter().collect();
+        if self.is_in_thing(limb) {
+            // Of an arm in a chair's back the best one is there too.
+            templates.extend(limb_templates(field, body, limb, &taken, options, OTHER_TEMPLATES));
         }
-        trial.put(&found);
-        trial.share = 1.0;
-        trial.update(field, labelled, self.options.fit.iterations + 2);
-        trial.share = self.share;
-        if trial.support.cost + BETTER < self.support.cost + unusual {
-            *self = trial;
+        let now = limb.parts().map(|it| self.filter.body.turn(it) * Vector3::z());
+        for found in templates {
+            if found.turns.iter().zip(&now).all(|(a, b)| (a * Vector3::z()).angle(b) < ELSEWHERE) {
+                continue;
+            }
+            let mut trial = start.clone();
+            trial.put(&found);
+            trial.share = 1.0;
+            trial.update(field, labelled, self.options.fit.iterations + 2);
+            trial.share = self.share;
+            let cost = trial.support.cost + trial.in_things([limb]);
+            if cost + BETTER < self.support.cost + self.in_things([limb]) + unusual {
+                *self = trial;
+                return;
+            }
         }
     }
 

@@ -27,6 +27,8 @@ const N_PLACES: usize = 5;
 const N_SWIVELS: usize = 6;
 /// So many of all ways are fitted.
 const N_FITTED: usize = 4;
+/// An arm that lies in a thing costs so much [–]: own arms of seated people of another renderer do so in hardly a frame, those that were laid into the chair's back or an arm-rest in nearly all.
+const IN_THING: f64 = 10.0;
 
 /// A way that limbs could lie.
 struct Way {
@@ -82,7 +84,15 @@ impl BodyTracker {
 
     /// How badly the voxels and what is known of people fit the body, comparable among bodies in the same voxels [–].
     pub(super) fn cost(&self) -> f64 {
-        self.support.cost + self.unusual_limbs()
+        self.support.cost + self.unusual_limbs() + self.in_things(Limb::ALL)
+    }
+
+    /// What arms of somebody who sits cost that lie in a thing [–].
+    pub(super) fn in_things(&self, limbs: impl IntoIterator<Item = Limb>) -> f64 {
+        if !self.sits() {
+            return 0.0;
+        }
+        limbs.into_iter().filter(|it| self.is_in_thing(*it)).count() as f64 * IN_THING
     }
 
     pub(super) fn unusual_limbs(&self) -> f64 {
@@ -238,7 +248,8 @@ impl BodyTracker {
         let mut fit = Fit::new(field, &self.options.fit, None);
         let layout = *self.filter.layout();
         fit.measure(&self.filter.body, &mut Normal::new(layout), &layout);
-        fit.support.cost + self.unusual_limbs()
+        let in_things = Self { beyond: self.beyond_hands(field), ..self.clone() }.in_things(Limb::ALL);
+        fit.support.cost + self.unusual_limbs() + in_things
     }
 }
 
