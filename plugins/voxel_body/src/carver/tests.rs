@@ -418,6 +418,24 @@ fn one_silhouette_for_two_cameras_is_told() {
 }
 
 #[test]
+fn somebody_whom_most_views_have_lost_is_told_with_their_names() {
+    let setup = setup();
+    let mut few = set(&setup, &[[0.1, 0.0]]);
+    for it in few.iter_mut().skip(3) {
+        *it = silhouette(&setup.calibration, it.camera.0 as usize, &[]);
+    }
+    let told = remarks(&setup, settings(), few.clone());
+    let names: Vec<String> = setup.calibration.cameras[3..].iter().map(|it| format!("{} in 1", it.name)).collect();
+    check_remark(&told, &format!("most show none ({}): these have lost it", names.join(", ")));
+    // What two see may be outside of the volume, and nobody is nothing to tell.
+    few[2] = silhouette(&setup.calibration, 2, &[]);
+    for set in [few, set(&setup, &[])] {
+        let told = remarks(&setup, settings(), set);
+        assert!(!told.iter().any(|it| it.contains("most show none")), "{told:?}");
+    }
+}
+
+#[test]
 fn pictures_that_are_mirrored_are_told_and_those_as_taken_are_not() {
     let setup = setup();
     // Beside the middle; and with a shadow that one camera alone sees, so that silhouettes as taken fit badly, too.

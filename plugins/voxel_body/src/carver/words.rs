@@ -22,6 +22,8 @@ const OFTEN: f64 = 0.1;
 /// Where the cameras' pictures stand upright is told by so many cameras and more, of which most agree: the length of the mean of their upward directions [–].
 const UPRIGHT_CAMERAS: usize = 3;
 const AGREE: f64 = 0.7;
+/// So many views that show a body where most show none are told [–]: two may see what is outside the volume.
+const FEW: usize = 3;
 /// Cosine of the angle to z from which on they stand upright in another way than bodies do [–]: 45°.
 const OTHERWISE: f64 = 0.7;
 /// The ends of a volume that a body may reach: its floor is none.
@@ -48,6 +50,9 @@ pub(super) struct Words {
     n_sets: u64,
     /// Sets without a voxel, although most silhouettes have a body.
     lost: u64,
+    /// Sets without a voxel in which a few views show a body and most do not; by camera, those of them in which it shows nothing.
+    few: u64,
+    blank: BTreeMap<CameraId, u64>,
     /// The largest piece that was left out [l], and sets of which nothing else was.
     dropped_l: f64,
     all_dropped: u64,
@@ -93,6 +98,12 @@ impl Words {
         let with_body = voxels.views.iter().filter(|it| it.body_px > 0).count();
         self.all_dropped += u64::from(voxels.is_empty() && dropped > 0.0);
         self.lost += u64::from(voxels.is_empty() && dropped == 0.0 && 2 * with_body > voxels.views.len());
+        if voxels.is_empty() && dropped == 0.0 && with_body >= FEW && 2 * with_body <= voxels.views.len() {
+            self.few += 1;
+            for it in voxels.views.iter().filter(|it| it.body_px == 0) {
+                *self.blank.entry(it.camera).or_default() += 1;
+            }
+        }
         let reaches = |at: usize, it: &VoxelComponent| {
             let axis = if at < 4 { at / 2 } else { 2 };
             if at.is_multiple_of(2) && at < 4 {
@@ -208,6 +219,16 @@ impl Words {
             report.remark(format!(
                 "the largest body is {} voxels long: a smaller `voxel_mm` shows its shape",
                 self.across
+            ));
+        }
+        if self.few as f64 >= OFTEN * self.n_sets as f64 && self.few > 0 {
+            let blank: Vec<String> = self.blank.iter().map(|(camera, n)| format!("{} in {n}", name(camera))).collect();
+            report.remark(format!(
+                "no voxel is left over in {} of {} sets in which {FEW} silhouettes or more show a body and most show none ({}): these have lost it, or it is outside of `volume_m`. \
+                 Cameras that lost it can be left out (`each`)",
+                self.few,
+                self.n_sets,
+                blank.join(", ")
             ));
         }
         if self.lost > 0 {
