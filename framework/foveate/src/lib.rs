@@ -19,7 +19,7 @@ pub use foveate_time as time;
 /// What nearly every node file needs.
 pub mod prelude {
     pub use foveate_messages::{
-        Assignment, BODY_JOINTS, BODY_LIMBS, BODY_PARTS, CameraChoice, CameraId, CameraSet, CloudPoint, Exchange,
+        Assignment, BODY_JOINTS, BODY_LIMBS, BODY_PARTS, CameraChoice, CameraId, CameraSet, CloudPoint, Contested, Exchange,
         EyeView, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport,
         Image, LimbDetail, Mark, MarkGuide, Marks, Mesh, MeshVertex, PatternPictures, PatternShown, PixelFormat,
         PointCloud, Pointer, PointerChange, PointerEvent, Pointers, ProjectorMap, ProjectorSample, Provenance,

@@ -71,7 +71,7 @@ pub use targets::{Provenance, Target, TargetId, Targets};
 pub use tracked::{TrackedPoint, TrackedSurface, TrajectoryEnd};
 pub use users::{Exchange, TargetUser, Users};
 pub use views::{EyeView, TileView, Views};
-pub use voxels::{ViewStatus, Voxel, VoxelComponent, VoxelView, Voxels};
+pub use voxels::{Contested, ViewStatus, Voxel, VoxelComponent, VoxelView, Voxels};
 pub use wire::{Codec, Wire};
 
 /// A type that may travel on an edge: a contract of name, version, space and layout.

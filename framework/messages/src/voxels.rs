@@ -108,6 +108,16 @@ pub struct VoxelComponent {
     pub target: Option<TargetId>,
 }
 
+/// A block of space that views contest: many of them show body there, of which several have no voxel behind it, and others call it background.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Contested {
+    /// Mean of the contested places, in the space of the producer's scale [m].
+    #[schemars(with = "Numbers<3>")]
+    pub centroid: Point3<f64>,
+    /// What they hold together [m³].
+    pub volume: f64,
+}
+
 /// The cubes of a grid that may be body at one time: those that no more views than allowed call background.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Voxels {
@@ -128,6 +138,9 @@ pub struct Voxels {
     pub views: Vec<VoxelView>,
     /// Voxels that hang together, the largest first.
     pub components: Vec<VoxelComponent>,
+    /// Where silhouettes contradict each other: body that they ask for and that is no voxel, in blocks of a decimetre or so, ascending by z, y, x. None where they fit each other.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub contested: Vec<Contested>,
     /// [`Voxel::BYTES`] bytes a voxel, ascending by z, then y, then x.
     #[serde(skip)]
     pub voxels: Vec<u8>,
@@ -144,6 +157,7 @@ impl Default for Voxels {
             world_from_scale: Isometry3::identity(),
             views: Vec::new(),
             components: Vec::new(),
+            contested: Vec::new(),
             voxels: Vec::new(),
         }
     }

@@ -298,8 +298,9 @@ mod tests {
             target: Some(TargetId(7)),
         };
         let (views, components) = (vec![view], vec![component]);
+        let contested = vec![Contested { centroid: Point3::new(0.5, 1.0, 1.5), volume: 0.25 }];
         let voxels = vec![7; 2 * Voxel::BYTES];
-        there_and_back(&Voxels { world_from_scale: pose, views, components, voxels, ..Voxels::default() });
+        there_and_back(&Voxels { world_from_scale: pose, views, components, contested, voxels, ..Voxels::default() });
         let joint = SkeletonJoint {
             joint: 5,
             position: Point3::new(1.0, 2.0, 3.0),

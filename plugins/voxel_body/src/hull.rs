@@ -187,6 +187,7 @@ impl Hull {
         let found = self.leave_out_contradicting(views, statuses)?;
         let found = self.with_losses(views, statuses, found)?;
         (voxels.size, voxels.origin, voxels.cells) = (self.grid.size, self.grid.origin, self.grid.cells);
+        voxels.contested = self.contested(views, statuses, found.as_ref())?;
         let Some(Found { grid, offset, hull, sure, surface }) = found else { return Ok(Dropped::default()) };
         for (view, status) in views.iter().zip(&*statuses) {
             let cover = cover(&grid, &surface, &silhouette_view(view), &mut self.drawn);
@@ -369,6 +370,34 @@ impl Hull {
         }
     }
 
+    /// What views contest of a hull that has all that is given back.
+    fn contested(
+        &mut self,
+        views: &[View],
+        statuses: &[ViewStatus],
+        found: Option<&Found>,
+    ) -> Result<Vec<Contested>, String> {
+        let used = used_views(views, statuses);
+        self.look_for_losses(&used, found);
+        self.losses.contested(&self.coarse(), &used, self.options.min_views).map_err(|it| it.to_string())
+    }
+
+    /// What each view shows that no voxel covers.
+    fn look_for_losses(&mut self, used: &[SilhouetteView], found: Option<&Found>) {
+        self.losses.begin();
+        for view in used {
+            let voxel_px = self.voxel_px(view, found);
+            match found {
+                Some(it) => drop(cover(&it.grid, &it.surface, view, &mut self.drawn)),
+                None => {
+                    self.drawn.clear();
+                    self.drawn.resize(view.confidence.len(), 0);
+                }
+            }
+            self.losses.look(view, self.options.doubt.from, &self.drawn, voxel_px);
+        }
+    }
+
     /// The hull with what `rule` gives back.
     fn with_lost(
         &mut self,
@@ -378,18 +407,7 @@ impl Hull {
         found: Option<Found>,
         rule: &Rule,
     ) -> Result<Option<Found>, String> {
-        self.losses.begin();
-        for view in used {
-            let voxel_px = self.voxel_px(view, found.as_ref());
-            match &found {
-                Some(it) => drop(cover(&it.grid, &it.surface, view, &mut self.drawn)),
-                None => {
-                    self.drawn.clear();
-                    self.drawn.resize(view.confidence.len(), 0);
-                }
-            }
-            self.losses.look(view, self.options.doubt.from, &self.drawn, voxel_px);
-        }
+        self.look_for_losses(used, found.as_ref());
         if !self.losses.any(rule) {
             return Ok(found);
         }

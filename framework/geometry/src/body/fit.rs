@@ -304,6 +304,12 @@ impl Skins {
         Self(placed(body, layout))
     }
 
+    /// Of one part alone.
+    pub fn only(mut self, part: Part) -> Self {
+        self.0.retain(|it| it.part == part);
+        self
+    }
+
     /// The same without these parts.
     pub fn without(mut self, parts: &[Part]) -> Self {
         self.0.retain(|it| !parts.contains(&it.part));

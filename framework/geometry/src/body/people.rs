@@ -214,6 +214,11 @@ impl People {
         unmodelled
     }
 
+    /// Says where views contradict each other, after a step: places, and what each stands for [m, m³].
+    pub fn contest(&mut self, contested: &[(Point3<f64>, f64)]) {
+        self.followed.iter_mut().for_each(|it| it.tracker.contest(contested));
+    }
+
     /// Makes one body of two that are one: silhouettes that lost the head of somebody leave shoulders that look like two heads, and each half is somebody. Tried in the frames after they were found, ever more seldom;
     /// who was seen apart is somebody.
     fn join_halves(&mut self, cubes: &Cubes, owners: &mut Vec<Vec<usize>>) {

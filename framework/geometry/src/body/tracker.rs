@@ -16,10 +16,13 @@ use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions, joint_sigma};
 
 mod beginning;
+mod contradiction;
 mod elsewhere;
 mod levels;
 mod rest;
 mod room;
+
+use contradiction::Contradiction;
 
 /// All that a tracker is told.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -55,6 +58,10 @@ pub struct LevelOptions {
     pub most_room: f64,
     /// An arm beyond whose hand voxels go on for longer is not measured: it lies in a thing, a chair's back as a rule [m].
     pub most_beyond: f64,
+    /// A body is not measured around which views contest more than this share of what its voxels hold, or so much at its head [–, m³].
+    pub most_contested: [f64; 2],
+    /// A part inside of which more of the voxels lack is not measured, nor is a body [–].
+    pub most_lacking: [f64; 2],
     /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
     pub lost_s: f64,
     /// A limb is split where it bends by so many standard deviations [–].
@@ -75,6 +82,8 @@ impl Default for LevelOptions {
             measured_leg: 0.6,
             most_room: 1.8,
             most_beyond: 0.02,
+            most_contested: [0.08, 0.0025],
+            most_lacking: [0.3, 0.35],
             lost_s: 0.5,
             split_sigmas: 3.0,
             join_s: 3.0,
@@ -148,6 +157,8 @@ pub struct BodyTracker {
     beyond: [f64; 2],
     /// Of each limb, whether it lies at another body that touches.
     shared: [bool; 4],
+    /// How views contradict each other around it.
+    contradiction: Contradiction,
     /// Of what a frame says of sizes, what is taken [–].
     share: f64,
     /// Edge of the last voxels [m].
@@ -233,6 +244,7 @@ impl BodyTracker {
             self.reach_for_rest(field, labelled, 1);
         }
         self.look_around(field);
+        self.look_inside(field, dt_s);
         let same = predicted.layout() == self.filter.layout();
         self.last = Some(Step { predicted, transition: transition.filter(|_| same), filtered: self.filter.clone() });
     }
@@ -366,6 +378,7 @@ impl BodyTracker {
         self.beyond.swap(0, 1);
         self.shared.swap(0, 1);
         self.shared.swap(2, 3);
+        self.contradiction.turn_about();
         let support = self.support;
         for part in Part::ALL {
             self.support.covered[part.index()] = support.covered[part.mirrored().index()];
@@ -426,6 +439,8 @@ impl BodyTracker {
     /// Whether the last voxels show a part.
     pub fn shows(&self, part: Part) -> bool {
         self.filter.layout().has(part)
+            && !self.is_contradicted()
+            && self.contradiction.lacks_of(part) <= self.options.levels.most_lacking[0]
             && self.is_supported(part)
             && self.support.covered[part.index()] >= self.options.levels.measured_covered
             && Limb::ALL.into_iter().filter(|it| it.parts().contains(&part)).all(|it| self.is_sure(it))
@@ -476,11 +491,12 @@ impl BodyTracker {
                 JointSource::Measured
             }
         });
+        let contradicted = self.contradiction.sigma();
         for it in &mut list {
             let hidden = if it.source == JointSource::Predicted { hidden_sigma(it.joint) } else { 0.0 };
             let seated = if self.is_flexed(it.joint) { SEATED_HIP_SIGMA } else { 0.0 };
             let own = joint_sigma(it.joint).powi(2) + seated.powi(2);
-            let variance = own + (VOXEL_SHARE * self.voxel).powi(2) + hidden.powi(2);
+            let variance = own + (VOXEL_SHARE * self.voxel).powi(2) + hidden.powi(2) + contradicted.powi(2);
             (0..3).for_each(|axis| it.covariance[(axis, axis)] += variance);
         }
         list

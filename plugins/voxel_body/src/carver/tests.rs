@@ -403,6 +403,26 @@ fn what_a_third_of_the_views_lost_is_kept_where_most_others_ask_for_it() {
 }
 
 #[test]
+fn what_half_of_the_views_show_elsewhere_is_contested_and_what_fits_or_one_view_shows_is_not() {
+    let setup = setup();
+    let settings = CarverSettings { min_completeness: 0.0, ..settings() };
+    let contested = |changed: usize, people: &[[f64; 2]]| {
+        let mut set = set(&setup, &[[0.1, 0.0]]);
+        (0..changed).for_each(|it| set[2 * it] = silhouette(&setup.calibration, 2 * it, people));
+        let voxels = carve(&setup, settings.clone(), set);
+        let volume = voxels.contested.iter().map(|it| it.volume).sum::<f64>();
+        (volume / voxels.volume(), voxels.contested.clone())
+    };
+    assert!(contested(0, &[]).1.is_empty());
+    // Somebody outside of the volume whom one view shows, too.
+    assert!(contested(1, &[[0.1, 0.0], [-0.9, 2.5]]).0 < 0.02);
+    let (share, blocks) = contested(3, &[[0.1, 0.25]]);
+    assert!(share > 0.2, "{share}");
+    let is_there = |it: &Contested| (it.centroid - Point3::new(0.1, 0.12, it.centroid.z)).norm() < 0.5;
+    assert!(blocks.iter().all(|it| is_there(it) && it.volume <= 0.0021), "{blocks:?}");
+}
+
+#[test]
 fn one_silhouette_for_two_cameras_is_told() {
     let setup = setup();
     let mut twice = set(&setup, &[[0.1, 0.0]]);

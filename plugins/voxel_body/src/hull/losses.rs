@@ -1,4 +1,4 @@
-//! Voxels that silhouettes ask for and few views deny.
+//! Voxels that silhouettes ask for and few views deny, and places that they ask for and many deny.
 //!
 //! A pixel of body shows something: if no voxel lies behind it, a view has cut away what is there, since it lost that part of the body. Of the voxels that at most some views deny, those are
 //! kept that lie behind such pixels in several other views. Where silhouettes fit each other nothing is added, so that the hull does not grow as it does where any voxel may be denied.
@@ -6,7 +6,11 @@
 //! Source: J.-L. Landabaso, M. Pardàs, J. R. Casas, "Shape from inconsistent silhouette", CVIU 112(2), 2008: the inconsistent silhouettes (body that the hull does not cover), the cones behind them, and in these alone a
 //! decision by how many views deny a voxel. Here the pixels must be more than a rim, and asked for by several views, since a shadow or somebody else is asked for by one.
 
+use std::collections::BTreeMap;
+
 use foveate::geometry::voxels::{BODY, BitGrid, CarveError, CarveOptions, Carver, SilhouetteView, VoxelGrid};
+use foveate::prelude::Contested;
+use nalgebra::Vector3;
 
 /// Adds what was lost; keeps its memory.
 #[derive(Debug, Default)]
@@ -19,6 +23,12 @@ pub struct Losses {
     /// Views that ask for more than `LEAST` of their silhouettes.
     n_loud: usize,
 }
+
+/// What is contested is told in blocks of about this edge [m].
+const BLOCK: f64 = 0.1;
+/// Contested is what this part of the views in whose picture it lies calls body, and this part of those asks for, two at least [–].
+const CONTESTED_BODY: f64 = 0.5;
+const CONTESTED_ASKED: f64 = 0.25;
 
 /// How many views may deny what others ask for, and how loudly these have to ask.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +135,50 @@ impl Losses {
             }
         }
         Ok(())
+    }
+
+    /// What views contest of `grid`, in blocks: places that many of them call body, several of these without a voxel behind it, and that the others deny. `views` are those that [`Self::look`] took in, with the hull as it
+    /// is told.
+    ///
+    /// # Errors
+    /// As [`Carver::carve`].
+    pub fn contested(
+        &mut self,
+        grid: &VoxelGrid,
+        views: &[SilhouetteView],
+        min_views: usize,
+    ) -> Result<Vec<Contested>, CarveError> {
+        let Self { carver, asked, n_loud, .. } = self;
+        if *n_loud < 2 {
+            return Ok(Vec::new());
+        }
+        let may_err = views.len() - (CONTESTED_BODY * views.len() as f64).ceil() as usize;
+        let options = CarveOptions { may_err, min_views };
+        let possible = carver.carve(grid, views, &options)?;
+        let step = (BLOCK / grid.size).round().max(1.0) as u32;
+        let mut blocks: BTreeMap<[u32; 3], (u32, Vector3<f64>)> = BTreeMap::new();
+        for index in possible.iter() {
+            let centre = grid.centre(index);
+            let (mut n_seen, mut n_body, mut n_asked) = (0u32, 0u32, 0u32);
+            for (view, asked) in views.iter().zip(&*asked) {
+                let Some(at) = pixel_at(view, &centre) else { continue };
+                n_seen += 1;
+                n_body += u32::from(view.confidence[at] >= BODY);
+                n_asked += u32::from(asked[at] > 0);
+            }
+            let [seen, body, asked] = [n_seen, n_body, n_asked].map(f64::from);
+            if n_asked >= 2 && asked >= CONTESTED_ASKED * body && body >= CONTESTED_BODY * seen {
+                let [x, y, z] = index.map(|it| it / step);
+                let (n, sum) = blocks.entry([z, y, x]).or_default();
+                *n += 1;
+                *sum += centre.coords;
+            }
+        }
+        let block = |(n, sum): (u32, Vector3<f64>)| Contested {
+            centroid: (sum / f64::from(n)).into(),
+            volume: f64::from(n) * grid.size.powi(3),
+        };
+        Ok(blocks.into_values().map(block).collect())
     }
 }
 

@@ -35,6 +35,7 @@ figures! {
     "voxel_body.measured": share, high, "Joints that voxels showed at that time, over fourteen for each body and message";
     "voxel_body.limbs": count, high, "Limbs in the model of a body, mean over bodies and messages";
     "voxel_body.unexplained": share, low, "Skin of a body's voxels that no part of it explains, mean over bodies and messages";
+    "voxel_body.contradicted": share, low, "Of all times that a body was given out, those in which views contradict each other around it so much that none of it is called measured; left out where there were none";
     "voxel_body.parts_found_s": s, low, "From the first message with voxels as large as a body until one body had all ten parts; missing if none had";
 }
 
@@ -160,6 +161,7 @@ pub struct BodyTrackerNode {
     n_bodies: u64,
     n_measured: u64,
     n_limbs: u64,
+    n_contradicted: u64,
     n_unmodelled: u64,
     /// Messages with nobody in them and something that is nearly large enough for a body, and the largest such thing [m³].
     n_small: u64,
@@ -219,6 +221,7 @@ impl Node for BodyTrackerNode {
             n_bodies: 0,
             n_measured: 0,
             n_limbs: 0,
+            n_contradicted: 0,
             n_unmodelled: 0,
             n_small: 0,
             largest_small: 0.0,
@@ -250,6 +253,8 @@ impl Node for BodyTrackerNode {
             let near = |it: &&Labelled| (tracker.filter().body.place(it.part, &it.factors) - it.position).norm() < 0.5;
             seen.iter().filter(near).cloned().collect()
         });
+        let contested: Vec<_> = voxels.contested.iter().map(|it| (it.centroid, it.volume)).collect();
+        self.people.contest(&contested);
         let cameras = cameras_of(voxels);
         let list: Vec<Skeleton> = self.people.list().iter().map(|it| skeleton_of(it, &cameras)).collect();
         self.count(&list, voxels, time);
@@ -320,6 +325,14 @@ impl Node for BodyTrackerNode {
             report.figure("voxel_body.limbs", per(self.n_limbs as f64, self.n_bodies));
             report.figure("voxel_body.unexplained", per(self.unexplained, self.n_bodies));
         }
+        if self.n_contradicted > 0 {
+            report.figure("voxel_body.contradicted", per(self.n_contradicted as f64, self.n_bodies));
+            report.remark(format!(
+                "None of a body is called measured at {} of {} times: silhouettes contradict each other around it, for many show body where others show none, or bodies have holes. Poses, pictures of another camera or time, \
+                 or silhouettes that lack pieces: see the overlays.",
+                self.n_contradicted, self.n_bodies
+            ));
+        }
         if let Some((first, complete)) = self.first_voxels.zip(self.complete) {
             report.figure("voxel_body.parts_found_s", (complete - first).as_s());
         }
@@ -366,6 +379,7 @@ impl BodyTrackerNode {
     fn count(&mut self, list: &[Skeleton], voxels: &Voxels, time: Time) {
         self.n_messages += 1;
         self.n_bodies += list.len() as u64;
+        self.n_contradicted += self.people.list().iter().filter(|it| it.tracker.is_contradicted()).count() as u64;
         let least = self.people.options().tracker.acquisition.least_volume;
         if self.first_voxels.is_none() && voxels.volume() >= least {
             self.first_voxels = Some(time);

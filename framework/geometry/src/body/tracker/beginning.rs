@@ -13,6 +13,7 @@ use super::super::fit::Support;
 use super::super::layout::Layout;
 use super::super::parts::{Limb, Part};
 use super::super::proportions::{Proportions, share};
+use super::contradiction::Contradiction;
 use super::{BodyTracker, LimbLevel, LimbTrack, TrackerOptions, UPRIGHT};
 
 /// So often at the beginning [–]: once for each limb.
@@ -146,6 +147,7 @@ impl BodyTracker {
             room: [1.0; 4],
             beyond: [0.0; 2],
             shared: [false; 4],
+            contradiction: Contradiction::default(),
             share: 1.0,
             voxel: field.size(),
             last: None,
@@ -196,6 +198,7 @@ impl BodyTracker {
         }
         tracker.judge_limbs(0.0);
         tracker.look_around(field);
+        tracker.look_inside(field, 0.0);
         Ok(tracker)
     }
 }
