@@ -26,8 +26,9 @@ pub struct Losses {
 
 /// What is contested is told in blocks of about this edge [m].
 const BLOCK: f64 = 0.1;
-/// Contested is what this part of the views in whose picture it lies calls body, and this part of those asks for, two at least [–].
+/// Contested is what this part of the views in whose picture it lies calls body, three at least (ghosts of two agree anywhere), and this part of those asks for, two at least [–].
 const CONTESTED_BODY: f64 = 0.5;
+const LEAST_BODY: u32 = 3;
 const CONTESTED_ASKED: f64 = 0.25;
 
 /// How many views may deny what others ask for, and how loudly these have to ask.
@@ -149,7 +150,7 @@ impl Losses {
         min_views: usize,
     ) -> Result<Vec<Contested>, CarveError> {
         let Self { carver, asked, n_loud, .. } = self;
-        if *n_loud < 2 {
+        if *n_loud < 2 || views.len() < LEAST_BODY as usize {
             return Ok(Vec::new());
         }
         let may_err = views.len() - (CONTESTED_BODY * views.len() as f64).ceil() as usize;
@@ -167,7 +168,8 @@ impl Losses {
                 n_asked += u32::from(asked[at] > 0);
             }
             let [seen, body, asked] = [n_seen, n_body, n_asked].map(f64::from);
-            if n_asked >= 2 && asked >= CONTESTED_ASKED * body && body >= CONTESTED_BODY * seen {
+            if n_asked >= 2 && n_body >= LEAST_BODY && asked >= CONTESTED_ASKED * body && body >= CONTESTED_BODY * seen
+            {
                 let [x, y, z] = index.map(|it| it / step);
                 let (n, sum) = blocks.entry([z, y, x]).or_default();
                 *n += 1;
