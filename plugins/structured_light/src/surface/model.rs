@@ -128,6 +128,11 @@ impl Model {
         self.grown.as_ref().map_or(0, |it| it.n_pieces)
     }
 
+    /// Points that a cloud needs.
+    pub fn min_points(&self) -> usize {
+        self.options.registration.map_or(1, |it| it.min_pairs)
+    }
+
     /// From voxel to voxel; 0 before the first cloud [m].
     pub fn voxel_m(&self) -> f64 {
         self.grown.as_ref().map_or(0.0, |it| it.voxel_m)
@@ -153,7 +158,7 @@ impl Model {
     /// # Errors
     /// See [`Refusal`]: the surface is as it was.
     pub fn join(&mut self, mut piece: Piece, covariance: &Matrix6<f64>) -> Result<Joined, Refusal> {
-        let min = self.options.registration.map_or(1, |it| it.min_pairs);
+        let min = self.min_points();
         if piece.points.len() < min {
             let count = piece.points.len();
             return Err(Refusal::Unregistered(RegistrationError::TooFewPoints { count, expected: min }));

@@ -1,6 +1,7 @@
 //! The node: clouds in the world in, clouds in the target's space and the surface out.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
 use std::sync::Arc;
 
 use foveate::estimation::statistics::median;
@@ -24,11 +25,11 @@ ports! {
 }
 
 figures! {
-    "surface.clouds": count, high, "Clouds that are in the surface";
-    "surface.clouds_refused": count, low, "Clouds that are not, since they did not fit, their geometry did not hold them, or the target's place was not known";
+    "surface.clouds": count, high, "Clouds that are in the surface; of surfaces of a moment each, in any of them";
+    "surface.clouds_refused": count, low, "Clouds that are not, since they did not fit, their geometry did not hold them, the target's place was not known, or the surface was begun anew without them";
     "surface.points": count, neither, "Points in the surface";
     "surface.points_left_out": count, low, "Points of clouds in the surface that are not in it themselves: without a normal, or beyond `max_memory_mb`";
-    "surface.restarts": count, low, "Times that the surface was begun anew, since its first cloud fitted none of those after it";
+    "surface.restarts": count, low, "Times that the surface was begun anew, without the cloud that it had, since that fitted none of those after it";
     "surface.voxel_mm": mm, neither, "From voxel to voxel";
     "surface.vertices": count, neither, "Corners of triangles of the last surface that was sent";
     "surface.triangles": count, neither, "Triangles of it";
@@ -118,6 +119,9 @@ impl Default for SurfaceSettings {
 /// A surface whose first cloud fits none of so many after it is begun anew.
 const DOUBTS: u32 = 4;
 
+/// A remark names so many.
+const NAMED: usize = 3;
+
 /// A surface is sent at once when it has so many times the points of the last one that was sent: what is seen first may be a few stripes that do not meet, and nothing is sent once the last cloud has come [–].
 const GROWN: f64 = 1.1;
 
@@ -138,7 +142,10 @@ pub struct JoinedSurface {
     n_joined: u64,
     n_refused: u64,
     n_in_a_row: u32,
-    n_restarts: u64,
+    /// Clouds that are in the surface.
+    inside: Option<Span>,
+    /// Those that it was begun anew without, a time each.
+    given_up: Vec<Span>,
     n_points: u64,
     n_left_out: u64,
     /// That of the surface, where each has one of its own.
@@ -149,6 +156,43 @@ pub struct JoinedSurface {
     corrections_mm: Vec<f64>,
     pose_sigmas_mm: Vec<f64>,
     misfits: Vec<f64>,
+}
+
+/// Clouds one after the other.
+struct Span {
+    n: u64,
+    first: String,
+    last: String,
+}
+
+impl Span {
+    /// Takes clouds in at the end.
+    fn extend(span: &mut Option<Span>, clouds: &[(Stamped<Arc<PointCloud>>, Placed)]) {
+        let Some([first, last]) = clouds.first().zip(clouds.last()).map(|(a, b)| [a, b].map(|it| named(&it.0.value)))
+        else {
+            return;
+        };
+        let n = clouds.len() as u64;
+        match span {
+            Some(span) => (span.n, span.last) = (span.n + n, last),
+            None => *span = Some(Span { n, first, last }),
+        }
+    }
+}
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Span { n: 1, first, .. } => f.write_str(first),
+            Span { n, first, last } => write!(f, "{first} to {last} ({n} clouds)"),
+        }
+    }
+}
+
+/// A cloud by its name and time.
+fn named(cloud: &PointCloud) -> String {
+    let name = if cloud.name.is_empty() { "a cloud" } else { &cloud.name };
+    format!("{name} at {:.3} s", cloud.time.as_s())
 }
 
 /// Where a cloud is.
@@ -217,7 +261,8 @@ impl Node for JoinedSurface {
             n_joined: 0,
             n_refused: 0,
             n_in_a_row: 0,
-            n_restarts: 0,
+            inside: None,
+            given_up: Vec::new(),
             n_points: 0,
             n_left_out: 0,
             moment: None,
@@ -268,11 +313,14 @@ impl Node for JoinedSurface {
             let n = self.settings.gather_points;
             report.remark(format!("{waiting} clouds of the end are not in the surface: with fewer than `gather_points = {n}` points together they waited for more; a smaller number takes them in"));
         }
+        if let Some(remark) = self.begun_anew() {
+            report.remark(remark);
+        }
         report.figure("surface.clouds", self.n_joined as f64);
         report.figure("surface.clouds_refused", self.n_refused as f64);
         report.figure("surface.points", self.n_points as f64);
         report.figure("surface.points_left_out", self.n_left_out as f64);
-        report.figure("surface.restarts", self.n_restarts as f64);
+        report.figure("surface.restarts", self.given_up.len() as f64);
         report.figure("surface.voxel_mm", 1e3 * self.model.voxel_m());
         report.figure("surface.memory_bytes", self.model.bytes() as f64);
         let [vertices, triangles, sigma, place_sigma] = self.last;
@@ -348,6 +396,10 @@ impl JoinedSurface {
             piece.viewpoint = back * placed.camera_from_world.inverse() * Point3::origin();
         }
         let n_points = piece.points.len();
+        let is_doubted = self.settings.register && self.n_in_a_row >= DOUBTS && self.model.n_pieces() == 1;
+        if is_doubted && n_points >= self.model.min_points() {
+            self.begin_anew();
+        }
         let joined = match self.model.join(piece, &placed.covariance) {
             Ok(joined) => joined,
             Err(why) => {
@@ -359,16 +411,12 @@ impl JoinedSurface {
                     name => name,
                 };
                 io.gap(&JOINED, last.value.time, format!("{name}{also}: not joined: {why}"));
-                if self.n_in_a_row >= DOUBTS && self.model.n_pieces() == 1 {
-                    self.model.clear();
-                    self.n_restarts += 1;
-                    self.n_in_a_row = 0;
-                }
                 return;
             }
         };
         self.n_in_a_row = 0;
         self.n_joined += n;
+        Span::extend(&mut self.inside, &clouds);
         self.n_points += joined.n_fused as u64;
         self.n_left_out += (n_points - joined.n_fused) as u64;
         self.note(&joined);
@@ -389,6 +437,36 @@ impl JoinedSurface {
             }
             io.emit(&SURFACE, last.stamp, mesh);
         }
+    }
+
+    /// Forgets the surface, for the next cloud to begin it.
+    fn begin_anew(&mut self) {
+        self.model.clear();
+        self.given_up.extend(self.inside.take());
+        self.n_refused += self.n_joined;
+        (self.n_joined, self.n_points, self.n_left_out, self.n_in_a_row) = (0, 0, 0, 0);
+        self.sent = None;
+    }
+
+    /// What the surface holds, where it was begun anew.
+    fn begun_anew(&self) -> Option<String> {
+        let often = match self.given_up.len() {
+            0 => return None,
+            1 => "once".to_owned(),
+            n => format!("{n} times"),
+        };
+        let without: Vec<String> = self.given_up.iter().take(NAMED).map(Span::to_string).collect();
+        let more = self.given_up.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let holds = match &self.inside {
+            Some(inside) => format!("it holds {inside}, and lies where the first of these was"),
+            None => "no cloud is in it".to_owned(),
+        };
+        Some(format!(
+            "the surface was begun anew {often}, since the cloud that it began with fitted none of the {DOUBTS} after it. Not in it: {}{more}; {holds}. \
+             Expected clouds that overlap (`min_overlap`), each turned from the one before by less than `start_sigma_deg` allows for; why they were refused stands in events.csv",
+            without.join(", ")
+        ))
     }
 
     fn note(&mut self, joined: &Joined) {

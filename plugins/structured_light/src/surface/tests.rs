@@ -420,6 +420,36 @@ fn each_moment_has_a_surface_of_its_own_of_all_its_clouds() {
     assert_eq!(reaches, [(0.0, true, false), (0.0, true, true), (0.01, false, true)]);
 }
 
+/// A shape of its own for each number, in the space of `setup`.
+fn unlike(number: usize, random: &mut Random) -> Vec<SurfacePoint> {
+    let mut points = full(0.001, false, random);
+    let wave = 40.0 * (1.0 + number as f64);
+    for it in &mut points {
+        it.position.z += 0.003 * (wave * it.position.x).sin() * (wave * it.position.y).cos();
+        // The node finds it among neighbours.
+        it.normal = Vector3::zeros();
+    }
+    points
+}
+
+#[test]
+fn a_surface_that_is_begun_anew_says_without_what_and_counts_what_it_holds() {
+    // The first fits none of the next four; the sixth and the seventh are of one shape.
+    let shape = |number: usize, random: &mut Random| unlike(number.min(5), random);
+    let (mesh, _, report) = run(2.0, 7, SurfaceSettings::default(), shape);
+    let figure = |name: &str| report.figures[name];
+    assert_eq!(["surface.clouds", "surface.clouds_refused", "surface.restarts"].map(figure), [2.0, 5.0, 1.0]);
+    assert!(mesh.n_clouds == 2 && figure("surface.points") < 3e4, "{} {}", mesh.n_clouds, figure("surface.points"));
+    let said: Vec<&String> = report.remarks.iter().filter(|it| it.contains("begun anew once")).collect();
+    assert_eq!(said.len(), 1, "{:?}", report.remarks);
+    for words in ["Not in it: set at 0.000 s; ", "it holds set at 2.500 s to set at 3.000 s (2 clouds)"] {
+        assert!(said[0].contains(words), "{words}: {}", said[0]);
+    }
+    // Without a cloud after those that did not fit, the surface that was sent is the one that counts.
+    let (mesh, _, report) = run(2.0, 5, SurfaceSettings::default(), shape);
+    assert_eq!((mesh.n_clouds, report.figures["surface.clouds"], report.remarks.len()), (1, 1.0, 0));
+}
+
 #[test]
 fn a_cloud_without_a_place_for_the_target_is_refused_with_a_remark() {
     let mut bench = NodeBench::<JoinedSurface>::with_setup(SurfaceSettings::default(), &setup()).unwrap();
