@@ -1,5 +1,6 @@
 //! `structured_light.surface`: clouds of one thing that may move, registered to the surface that they make and fused into it.
 
+mod apart;
 mod model;
 mod node;
 #[cfg(test)]

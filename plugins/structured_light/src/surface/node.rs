@@ -10,10 +10,11 @@ use foveate::messages::ScaleId;
 use foveate::node::scale::Spaces;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
-use nalgebra::{Isometry3, Matrix6, Point3};
+use nalgebra::{Isometry3, Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::apart::{Apart, Beside};
 use super::model::{Joined, Model, ModelOptions, Piece, motion};
 
 ports! {
@@ -33,11 +34,13 @@ figures! {
     "surface.voxel_mm": mm, neither, "From voxel to voxel";
     "surface.vertices": count, neither, "Corners of triangles of the last surface that was sent";
     "surface.triangles": count, neither, "Triangles of it";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals: noise, and by how much points contradict each other; not what all of them share";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals: noise, and by how much points and clouds contradict each other; not what all of them share";
     "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
     "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose beside the first cloud, as stated, median over clouds";
     "surface.place_sigma_mm": mm, low, "Root mean square error of the last surface's vertices by what all of them share, as stated: the pose of its last cloud, and what all points of that share, as the error of its camera's pose";
     "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
+    "surface.apart_mm": mm, low, "How far the points of a cloud that is not registered lie from the clouds before it, along their normals, median over points and over clouds: their noise, and by how much poses contradict each other";
+    "surface.apart_sigmas": sigmas, low, "That over what points and poses state of it, median over clouds: above 1, they contradict each other by more than that";
     "surface.memory_bytes": bytes, low, "What voxels and patches take";
 }
 
@@ -59,7 +62,7 @@ pub struct SurfaceSettings {
     /// And for no longer than so, in which the target's own track is smoother than what registration would find [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub gather_ms: f64,
-    /// Whether clouds are registered to the surface; `false`: they lie where their cameras and the target's place have them, as those of calibrated cameras all around a thing do [–]
+    /// Whether clouds are registered to the surface; `false`: they lie where their cameras and the target's place have them, as those of calibrated cameras all around a thing do, and a remark says where they contradict each other [–]
     pub register: bool,
     /// How far a cloud may be from where the last one and the target's place have it, standard deviation an axis: of the target's own turns too [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
@@ -156,6 +159,13 @@ pub struct JoinedSurface {
     corrections_mm: Vec<f64>,
     pose_sigmas_mm: Vec<f64>,
     misfits: Vec<f64>,
+    /// Where clouds lie as they are said to: how far apart, where a shape is not to change.
+    apart: Option<Apart>,
+    apart_mm: Vec<f64>,
+    apart_sigmas: Vec<f64>,
+    contradicting_mm: Vec<f64>,
+    /// The cloud that lies farthest from those before it, and how.
+    worst: Option<(String, Beside)>,
 }
 
 /// Clouds one after the other.
@@ -271,6 +281,11 @@ impl Node for JoinedSurface {
             corrections_mm: Vec::new(),
             pose_sigmas_mm: Vec::new(),
             misfits: Vec::new(),
+            apart: None,
+            apart_mm: Vec::new(),
+            apart_sigmas: Vec::new(),
+            contradicting_mm: Vec::new(),
+            worst: None,
         })
     }
 
@@ -316,6 +331,9 @@ impl Node for JoinedSurface {
         if let Some(remark) = self.begun_anew() {
             report.remark(remark);
         }
+        if let Some(remark) = self.contradicting() {
+            report.remark(remark);
+        }
         report.figure("surface.clouds", self.n_joined as f64);
         report.figure("surface.clouds_refused", self.n_refused as f64);
         report.figure("surface.points", self.n_points as f64);
@@ -334,6 +352,8 @@ impl Node for JoinedSurface {
             ("surface.correction_mm", &self.corrections_mm),
             ("surface.pose_sigma_mm", &self.pose_sigmas_mm),
             ("surface.misfit", &self.misfits),
+            ("surface.apart_mm", &self.apart_mm),
+            ("surface.apart_sigmas", &self.apart_sigmas),
         ] {
             if let Some(middle) = median(list) {
                 report.figure(name, middle);
@@ -347,6 +367,51 @@ impl JoinedSurface {
     /// Whether clouds are taken in as they come, those of a moment together: what is not registered needs no company.
     fn by_moment(&self) -> bool {
         self.settings.each_moment || !self.settings.register
+    }
+
+    /// Whether clouds that lie apart contradict each other: those that are registered do not, and a shape that changes may.
+    fn lies_as_said(&self) -> bool {
+        !self.settings.register && self.settings.keep_ms == 0.0
+    }
+
+    /// Holds clouds against those before them. Points of cloud i end before `ends[i]`.
+    fn hold_apart(&mut self, clouds: &[(Stamped<Arc<PointCloud>>, Placed)], points: &[SurfacePoint], ends: &[usize]) {
+        // Beside what `max_memory_mb` bounds, a tenth of it.
+        let max_patches = 1000 * self.settings.max_memory_mb;
+        let voxel_m = self.model.voxel_m();
+        let mut from = 0;
+        for ((cloud, placed), end) in clouds.iter().zip(ends) {
+            let points = &points[from..*end];
+            from = *end;
+            let sum: Vector3<f64> = points.iter().map(|it| it.position.coords).sum();
+            let middle = sum / points.len().max(1) as f64;
+            let motion = motion(&placed.covariance, points.iter().map(|it| it.position - middle));
+            let variance = Some(motion * motion / 3.0).filter(|it| it.is_finite()).unwrap_or(0.0);
+            let apart = self.apart.get_or_insert_with(|| Apart::new(voxel_m, max_patches));
+            let Some(beside) = apart.add(points, variance) else { continue };
+            self.apart_mm.push(1e3 * beside.distance_m);
+            self.apart_sigmas.push(beside.distance_m / beside.stated_m);
+            if beside.contradicts {
+                self.contradicting_mm.push(1e3 * beside.distance_m);
+                if self.worst.as_ref().is_none_or(|it| it.1.distance_m < beside.distance_m) {
+                    self.worst = Some((named(&cloud.value), beside));
+                }
+            }
+        }
+    }
+
+    /// What is said of clouds that contradict each other where they lie.
+    fn contradicting(&self) -> Option<String> {
+        let (name, Beside { distance_m, stated_m, .. }) = self.worst.as_ref()?;
+        let of = self.apart_mm.len();
+        Some(format!(
+            "{} of the {of} clouds that share a surface with clouds before them lie beside it, by {:.2} mm (median): {name} by {:.2} mm, expected {:.2} mm as its points and those of the others state. \
+             Where clouds lie so, the surface is several layers, or ends; its sigmas say so now. The poses of their cameras or of the target contradict each other: state better ones, or let `register = true` find them",
+            self.contradicting_mm.len(),
+            median(&self.contradicting_mm)?,
+            1e3 * distance_m,
+            1e3 * stated_m,
+        ))
     }
 
     /// Poses of spaces are kept by number, and asynchronous cameras make many: some of them reach as far back as clouds come late.
@@ -383,8 +448,10 @@ impl JoinedSurface {
         let n = clouds.len() as u64;
         if self.settings.each_moment && self.moment.replace(last.value.time) != Some(last.value.time) {
             self.model.clear();
+            self.apart = None;
         }
         let mut piece = Piece { time_s: last.value.time.as_s(), ..Piece::default() };
+        let mut ends = Vec::new();
         for (cloud, placed) in &clouds {
             let back = placed.world_from_scale.inverse();
             let turn = back.rotation.to_rotation_matrix().into_inner();
@@ -393,9 +460,12 @@ impl JoinedSurface {
                 let normal = back.rotation * it.normal.cast::<f64>();
                 (SurfacePoint { position: back * it.position.cast::<f64>(), covariance, normal }, it.colour)
             }));
+            ends.push(piece.points.len());
             piece.viewpoint = back * placed.camera_from_world.inverse() * Point3::origin();
         }
         let n_points = piece.points.len();
+        let lying: Vec<SurfacePoint> =
+            if self.lies_as_said() { piece.points.iter().map(|it| it.0).collect() } else { Vec::new() };
         let is_doubted = self.settings.register && self.n_in_a_row >= DOUBTS && self.model.n_pieces() == 1;
         if is_doubted && n_points >= self.model.min_points() {
             self.begin_anew();
@@ -420,6 +490,9 @@ impl JoinedSurface {
         self.n_points += joined.n_fused as u64;
         self.n_left_out += (n_points - joined.n_fused) as u64;
         self.note(&joined);
+        if self.lies_as_said() {
+            self.hold_apart(&clouds, &lying, &ends);
+        }
         for (cloud, placed) in &clouds {
             io.emit(&JOINED, cloud.stamp, moved(&cloud.value, placed, &joined));
         }
@@ -481,11 +554,13 @@ impl JoinedSurface {
         let mut shift = covariance.fixed_view_mut::<3, 3>(3, 3);
         shift += joined.shared;
         let surface = self.model.mesh(&self.mesh_options);
+        let least = self.apart.as_ref().map(Apart::least_sigma);
+        let least = |it: &Point3<f64>| least.as_ref().map_or(0.0, |least| least(it));
         let vertices = surface.vertices.iter().map(|it| MeshVertex {
             position: it.position.cast(),
             normal: it.normal.cast(),
             weight: it.n_points as f32,
-            sigma: it.sigma as f32,
+            sigma: it.sigma.max(least(&it.position)) as f32,
             colour: it.colour,
         });
         let mesh = Mesh {

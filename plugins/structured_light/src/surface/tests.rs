@@ -401,6 +401,61 @@ fn a_surface_that_grows_is_sent_before_its_interval_is_over() {
     assert!(mesh.n_clouds >= 14 && mesh.triangles().count() > 3000, "{} {}", mesh.n_clouds, mesh.triangles().count());
 }
 
+/// Clouds that are not registered, the first where it is said to be, the others beside that by `off`: the report, and of the vertices the mean error, the mean sigma and how many there are [m].
+fn lying(n: usize, off: impl Fn(usize) -> Isometry3<f64>) -> (Report, [f64; 2], usize) {
+    let mut random = Random::new(12);
+    let settings = SurfaceSettings { voxel_mm: 1.0, register: false, ..SurfaceSettings::default() };
+    let mut bench = NodeBench::<JoinedSurface>::with_setup(settings, &Setup::for_tests()).unwrap();
+    let here = world_from_thing(0.0);
+    for number in 0..n {
+        let wrong = here * off(number) * here.inverse();
+        let turn = wrong.rotation.to_rotation_matrix().into_inner().cast::<f32>();
+        let right = cloud(&full(0.0006, false, &mut random), Time::ZERO);
+        let mut there = PointCloud { name: format!("set_{number}"), points: Vec::new(), ..right.clone() };
+        for it in right.iter() {
+            there.push(&CloudPoint {
+                position: (wrong * it.position.cast::<f64>()).cast(),
+                covariance: turn * it.covariance * turn.transpose(),
+                normal: turn * it.normal,
+                ..it
+            });
+        }
+        bench.feed(&CLOUD, Time::ZERO, there).unwrap();
+    }
+    let mesh = Arc::clone(&bench.outputs(&SURFACE).last().unwrap().value);
+    let errors = mesh.vertices().map(|it| {
+        let at = here.inverse() * it.position.cast::<f64>();
+        ((at.z - height(at.x, at.y)) * normal(at.x, at.y).z).abs()
+    });
+    let n_vertices = mesh.vertices().len();
+    let mean = errors.sum::<f64>() / n_vertices as f64;
+    (bench.finish().unwrap(), [mean, mesh.mean_sigma], n_vertices)
+}
+
+#[test]
+fn clouds_that_lie_beside_each_other_are_told_and_vertices_are_no_surer_than_that() {
+    let moved = |it: usize, mm: f64| {
+        let sign = if it.is_multiple_of(2) { 0.0 } else { 1e-3 * mm };
+        Isometry3::new(Vector3::new(0.5 * sign, 0.0, sign), Vector3::new(0.0, 2.0 * sign, 0.0))
+    };
+    let (report, [error, sigma], n) = lying(4, |it| moved(it, 0.0));
+    assert_eq!(report.remarks, Vec::<String>::new());
+    assert!(report.figures["surface.apart_sigmas"] < 1.5, "{:?}", report.figures);
+    assert!(error < 5e-5 && sigma < 5e-5 && n > 10_000, "{error} {sigma} {n}");
+    // Layers 6 mm apart do not meet: each is thin, and was as sure as the one that is right.
+    let (report, [error, sigma], _) = lying(4, |it| moved(it, 6.0));
+    let said = report.remarks.iter().find(|it| it.contains("of the 3 clouds")).unwrap();
+    assert!(said.starts_with("1 of the 3") && said.contains("`register = true`"), "{said}");
+    assert!(report.figures["surface.apart_mm"] < 1.0, "{:?}", report.figures);
+    assert!((0.3..3.0).contains(&(sigma / error)), "{sigma} {error}");
+    // One after the other farther away: most contradict those before them.
+    let away = |it: usize| Isometry3::translation(0.0, 0.0, 6e-3 * it as f64);
+    let (report, [error, sigma], _) = lying(3, away);
+    assert!((4.0..6.5).contains(&report.figures["surface.apart_mm"]), "{:?}", report.figures);
+    assert!(report.remarks[0].starts_with("2 of the 2") && report.remarks[0].contains("set_"), "{:?}", report.remarks);
+    assert!((0.3..3.0).contains(&(sigma / error)), "{sigma} {error}");
+}
+
 #[test]
 fn each_moment_has_a_surface_of_its_own_of_all_its_clouds() {
     let settings = SurfaceSettings { voxel_mm: 1.0, register: false, each_moment: true, ..SurfaceSettings::default() };
