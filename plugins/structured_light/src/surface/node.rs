@@ -122,6 +122,12 @@ impl Default for SurfaceSettings {
 /// A surface whose first cloud fits none of so many after it is begun anew.
 const DOUBTS: u32 = 4;
 
+/// A cloud that was just not refused is named: its residuals are more than so much of `max_misfit` …
+const NEARLY_REFUSED: f64 = 0.7;
+/// … and more than twice what the other clouds have in the median, or, of fewer than three others, what errors of decoding make.
+const FAR_FROM_OTHERS: f64 = 2.0;
+const OF_DECODING: f64 = 3.0;
+
 /// A remark names so many.
 const NAMED: usize = 3;
 
@@ -159,6 +165,8 @@ pub struct JoinedSurface {
     corrections_mm: Vec<f64>,
     pose_sigmas_mm: Vec<f64>,
     misfits: Vec<f64>,
+    /// Which were nearly refused, with their misfits.
+    doubtful: Vec<(String, f64)>,
     /// Where clouds lie as they are said to: how far apart, where a shape is not to change.
     apart: Option<Apart>,
     apart_mm: Vec<f64>,
@@ -281,6 +289,7 @@ impl Node for JoinedSurface {
             corrections_mm: Vec::new(),
             pose_sigmas_mm: Vec::new(),
             misfits: Vec::new(),
+            doubtful: Vec::new(),
             apart: None,
             apart_mm: Vec::new(),
             apart_sigmas: Vec::new(),
@@ -331,7 +340,7 @@ impl Node for JoinedSurface {
         if let Some(remark) = self.begun_anew() {
             report.remark(remark);
         }
-        if let Some(remark) = self.contradicting() {
+        for remark in self.contradicting().into_iter().chain(self.nearly_refused()) {
             report.remark(remark);
         }
         report.figure("surface.clouds", self.n_joined as f64);
@@ -489,7 +498,7 @@ impl JoinedSurface {
         Span::extend(&mut self.inside, &clouds);
         self.n_points += joined.n_fused as u64;
         self.n_left_out += (n_points - joined.n_fused) as u64;
-        self.note(&joined);
+        self.note(&joined, &last.value);
         if self.lies_as_said() {
             self.hold_apart(&clouds, &lying, &ends);
         }
@@ -542,10 +551,32 @@ impl JoinedSurface {
         ))
     }
 
-    fn note(&mut self, joined: &Joined) {
+    /// What is said of clouds that fit far worse than the others.
+    fn nearly_refused(&self) -> Option<String> {
+        let others = median(&self.misfits).filter(|_| self.misfits.len() > 3);
+        let as_what = if others.is_some() { "those of the other clouds" } else { "errors of decoding make them" };
+        let others = others.unwrap_or(OF_DECODING);
+        let far = || self.doubtful.iter().filter(|it| it.1 > FAR_FROM_OTHERS * others);
+        let (name, misfit) = far().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let more = match far().count() - 1 {
+            0 => String::new(),
+            n => format!(" (and {n} more, by less)"),
+        };
+        let limit = self.settings.max_misfit;
+        Some(format!(
+            "{name}{more} is in the surface with residuals that are {misfit:.1} times as large as sigmas say, expected about {others:.1} times, as {as_what}: it may lie wrong, or something moved against the rest. \
+             A `max_misfit` below {misfit:.1} ({limit} now) refuses it"
+        ))
+    }
+
+    fn note(&mut self, joined: &Joined, cloud: &PointCloud) {
         let Some(found) = &joined.registration else { return };
         self.pose_sigmas_mm.push(1e3 * joined.sigma);
         self.misfits.push(found.misfit);
+        // Residuals of a shape that changes are of that, too.
+        if self.settings.keep_ms == 0.0 && found.misfit > NEARLY_REFUSED * self.settings.max_misfit {
+            self.doubtful.push((named(cloud), found.misfit));
+        }
         self.corrections_mm.push(1e3 * found.moved);
     }
 

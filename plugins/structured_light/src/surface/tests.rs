@@ -401,6 +401,26 @@ fn a_surface_that_grows_is_sent_before_its_interval_is_over() {
     assert!(mesh.n_clouds >= 14 && mesh.triangles().count() > 3000, "{} {}", mesh.n_clouds, mesh.triangles().count());
 }
 
+#[test]
+fn a_cloud_that_fits_far_worse_than_the_others_is_named() {
+    let said = |n: usize, wrong: usize, worse: f64| {
+        let (_, _, report) = run(2.0, n, SurfaceSettings::default(), |number, random| {
+            let mut points = full(0.001, false, random);
+            let by = if number == wrong { worse * SIGMA } else { 0.0 };
+            points.iter_mut().for_each(|it| it.position.z += by * random.normal());
+            points
+        });
+        assert_eq!(report.figures["surface.clouds"], n as f64, "{:?}", report.figures);
+        report.remarks
+    };
+    assert_eq!(said(6, 9, 0.0), Vec::<String>::new());
+    // Six to seven times as rough as it states.
+    let remarks = said(6, 4, 6.5);
+    assert_eq!(remarks.len(), 1, "{remarks:?}");
+    assert!(remarks[0].starts_with("set at 2.000 s is in the surface with residuals that are"), "{remarks:?}");
+    assert!(remarks[0].contains("`max_misfit` below"), "{remarks:?}");
+}
+
 /// Clouds that are not registered, the first where it is said to be, the others beside that by `off`: the report, and of the vertices the mean error, the mean sigma and how many there are [m].
 fn lying(n: usize, off: impl Fn(usize) -> Isometry3<f64>) -> (Report, [f64; 2], usize) {
     let mut random = Random::new(12);
