@@ -1,7 +1,7 @@
 //! Which patterns were shown, in which order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
 
 use foveate::imaging::ImagingError;
-use foveate::imaging::stripes::code::{Group, Inverse, StripeCode};
+use foveate::imaging::stripes::code::{Axis, Group, Inverse, StripeCode};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -149,6 +149,7 @@ impl PatternSettings {
             }
         };
         self.check_order(&order)?;
+        check_size(size, &order, &code)?;
         let code = StripeCode { order, inverse, fine_first: self.fine_first, ..code };
         code.check().map_err(|fault| {
             let setting = match &fault {
@@ -188,6 +189,30 @@ impl PatternSettings {
         };
         tables[0].iter().filter_map(one).collect()
     }
+}
+
+/// Columns (rows) that a code numbers, at least: of fewer, pictures show one stripe or none, and one column is not told from another [px].
+const LEAST_SIDE: u32 = 4;
+
+/// Whether the pictures of each axis that is shown have stripes: sides of some pixels, and wider than a stripe of the coarsest bit's.
+fn check_size(size: [u32; 2], order: &[Group], code: &StripeCode) -> Result<(), ConfigError> {
+    for axis in Axis::BOTH.into_iter().filter(|it| order.contains(&Group::Stripes(*it))) {
+        let (found, stripe) = (size[axis.index()], code.stripe[axis.index()]);
+        let least = LEAST_SIDE.max(stripe + 1);
+        if found < least {
+            let [columns, rows] = size;
+            let why = match code.steps {
+                0 => String::new(),
+                _ => format!(" with stripes of {stripe} px, half a period, below the phase shift"),
+            };
+            let message = format!(
+                "found {columns} x {rows} px, expected at least {least} {}{why}: pictures of fewer show no stripes",
+                axis.in_words()
+            );
+            return Err(ConfigError::at("projector_px", message));
+        }
+    }
+    Ok(())
 }
 
 /// The projector's name in calibrations, unless told otherwise.
@@ -252,6 +277,18 @@ mod tests {
         assert_eq!(refused(PatternSettings::default()).0.as_deref(), Some("projector_px"));
         assert!(refused(PatternSettings { order: "columns grey".into(), ..good.clone() }).1.contains("found `grey`"));
         assert!(refused(PatternSettings { order: "columns columns".into(), ..good.clone() }).1.contains("once"));
+        for (size, code, expected) in [
+            ([1, 1], Code::Gray, "found 1 x 1 px, expected at least 4 columns: pictures of fewer"),
+            ([64, 2], Code::Gray, "found 64 x 2 px, expected at least 4 rows"),
+            ([8, 64], Code::Phase, "found 8 x 64 px, expected at least 9 columns with stripes of 8 px, half a period"),
+        ] {
+            let (setting, message) =
+                refused(PatternSettings { projector_px: size, code, ..PatternSettings::default() });
+            assert_eq!(setting.as_deref(), Some("projector_px"));
+            assert!(message.contains(expected), "{message}");
+        }
+        let columns = PatternSettings { projector_px: [4, 1], order: "columns".into(), ..PatternSettings::default() };
+        assert_eq!(columns.stripe_code(None).map(|it| it.bits[0]), Ok(2));
         let period = PatternSettings { code: Code::Phase, period_px: 12, ..good.clone() };
         assert_eq!(refused(period).0.as_deref(), Some("period_px"));
         let one = |order: &str, inverse| PatternSettings { order: order.into(), inverse, ..good.clone() };
