@@ -35,11 +35,9 @@ pub(crate) fn too_vague(map: &ProjectorMap, ratios: &mut [f32], points: u64) -> 
         }
         _ => {
             let most = ratios.get(ratios.len() * 9 / 10).copied().unwrap_or(f32::NAN);
-            // To one digit, upwards.
-            let digit = 10_f32.powf(most.log10().floor());
             format!(
                 "coordinates are known too vaguely, or camera and projector stand too near each other for so far a surface; `max_sigma = {}` would keep nine tenths of them, each with its sigma",
-                (most / digit).ceil() * digit
+                rounded_up(most)
             )
         }
     };
@@ -48,4 +46,22 @@ pub(crate) fn too_vague(map: &ProjectorMap, ratios: &mut [f32], points: u64) -> 
         map.name,
         ratios.len()
     )
+}
+
+/// A number below 1 to one digit, upwards, as it is to be written.
+fn rounded_up(number: f32) -> f64 {
+    let digits = 10_f64.powf(-f64::from(number).log10().floor());
+    // Noise of the number's own width is no digit more. A quotient of whole numbers is written with the digits that it has.
+    (f64::from(number) * digits * (1.0 - 1e-6)).ceil() / digits.round().max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded_up;
+
+    #[test]
+    fn a_sigma_that_would_do_is_written_with_one_digit() {
+        let written = [0.000_95, 0.000_999_999_9, 0.001, 0.002_4, 0.000_3, 0.37].map(|it| rounded_up(it).to_string());
+        assert_eq!(written, ["0.001", "0.001", "0.001", "0.003", "0.0003", "0.4"]);
+    }
 }

@@ -1,5 +1,8 @@
 //! Sets of a small projector, whole and spoilt, decoded.
 
+use foveate::imaging::stripes::code::Axis;
+use foveate::imaging::stripes::phase::Steps;
+
 use super::*;
 
 /// Camera pixels in a row and in a column of each pixel of the projector.
@@ -190,4 +193,15 @@ fn a_set_that_crept_far_is_decoded_as_its_first_picture_saw_it() {
         off.sort_by(f32::total_cmp);
         assert!(off.len() > 1500 && off[off.len() / 2] < 0.03, "{px} px: {} of {}", off[off.len() / 2], off.len());
     }
+}
+
+#[test]
+fn waves_that_begin_where_they_should_are_no_remark() {
+    let said = |is_reversed: bool, ahead: f64| {
+        super::words::steps_in_words(Axis::Columns, Steps::Otherwise { is_reversed, ahead })
+    };
+    assert_eq!([0.0, 0.002, -0.002, 0.999].map(|it| said(false, it)), [const { None }; 4]);
+    assert!(said(false, 0.01).unwrap().contains("begin 0.010 of a period elsewhere"));
+    assert!(said(false, 0.25).unwrap().contains("begin 0.25 of a period elsewhere"));
+    assert!(said(true, 0.0).unwrap().contains("run the other way"));
 }

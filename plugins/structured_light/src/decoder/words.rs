@@ -137,6 +137,8 @@ pub(super) fn steps_in_words(axis: Axis, steps: Steps) -> Option<String> {
     let axis = axis.in_words();
     match steps {
         Steps::AsStated => None,
+        // By no more than waves are known to: as stated.
+        Steps::Otherwise { is_reversed: false, ahead } if (4.0 * (ahead - ahead.round())).abs() <= WHOLE => None,
         Steps::Otherwise { is_reversed: false, ahead } if (4.0 * ahead - (4.0 * ahead).round()).abs() > WHOLE => {
             Some(format!(
                 "the waves of the {axis} begin {:.3} of a period elsewhere, expected a cosine from the projector's edge on (where pixels are counted by their middles it begins half a pixel elsewhere): coordinates \

@@ -68,8 +68,8 @@ pub enum Refusal {
     Unregistered(RegistrationError),
     /// It may lie in more than one place.
     #[error(
-        "its shape leaves {n_open} directions open, as planes, spheres and rods do, and without them the pose is known to {:.2} mm, expected {:.2} mm",
-        1e3 * sigma_m, 1e3 * expected_m
+        "its shape leaves {n_open} direction{} open, as planes, spheres and rods do, and without {} the pose is known to {:.2} mm, expected {:.2} mm",
+        if *n_open == 1 { "" } else { "s" }, if *n_open == 1 { "it" } else { "them" }, 1e3 * sigma_m, 1e3 * expected_m
     )]
     NotHeld {
         /// Directions in which it slides along itself.
