@@ -87,6 +87,8 @@ pub struct Hull {
     trials: Carver,
     doubt: Doubt,
     losses: Losses,
+    /// What the hull covers of each view that is used, as the losses were looked for.
+    covers: Vec<Cover>,
     drawn: Vec<u8>,
     /// Who contradicts the others, as found last.
     contradictions: Vec<Contradiction>,
@@ -123,6 +125,7 @@ impl Hull {
             trials: Carver::default(),
             doubt: Doubt::default(),
             losses: Losses::default(),
+            covers: Vec::new(),
             drawn: Vec::new(),
             contradictions: Vec::new(),
             suspects: BTreeMap::new(),
@@ -185,12 +188,15 @@ impl Hull {
             return Err(ONE_VIEW.to_owned());
         }
         let found = self.leave_out_contradicting(views, statuses)?;
+        self.covers.clear();
         let found = self.with_losses(views, statuses, found)?;
         (voxels.size, voxels.origin, voxels.cells) = (self.grid.size, self.grid.origin, self.grid.cells);
         voxels.contested = self.contested(views, statuses, found.as_ref())?;
         let Some(Found { grid, offset, hull, sure, surface }) = found else { return Ok(Dropped::default()) };
+        let mut known = std::mem::take(&mut self.covers).into_iter();
         for (view, status) in views.iter().zip(&*statuses) {
-            let cover = cover(&grid, &surface, &silhouette_view(view), &mut self.drawn);
+            let known = if *status == ViewStatus::Used { known.next() } else { None };
+            let cover = known.unwrap_or_else(|| cover(&grid, &surface, &silhouette_view(view), &mut self.drawn));
             voxels.views.push(statement(view.silhouette.camera, *status, cover));
         }
         let parts = Parts::of(&hull);
@@ -378,17 +384,20 @@ impl Hull {
         found: Option<&Found>,
     ) -> Result<Vec<Contested>, String> {
         let used = used_views(views, statuses);
-        self.look_for_losses(&used, found);
+        if self.covers.is_empty() {
+            self.look_for_losses(&used, found);
+        }
         self.losses.contested(&self.coarse(), &used, self.options.min_views).map_err(|it| it.to_string())
     }
 
-    /// What each view shows that no voxel covers.
+    /// What each view shows that no voxel covers; `covers` are of this hull until voxels are added.
     fn look_for_losses(&mut self, used: &[SilhouetteView], found: Option<&Found>) {
         self.losses.begin();
+        self.covers.clear();
         for view in used {
             let voxel_px = self.voxel_px(view, found);
             match found {
-                Some(it) => drop(cover(&it.grid, &it.surface, view, &mut self.drawn)),
+                Some(it) => self.covers.push(cover(&it.grid, &it.surface, view, &mut self.drawn)),
                 None => {
                     self.drawn.clear();
                     self.drawn.resize(view.confidence.len(), 0);
@@ -424,6 +433,7 @@ impl Hull {
             found.keep(&before);
         }
         self.losses.add(&mut found.hull, &grid, used, &options, rule).map_err(words)?;
+        self.covers.clear();
         found.surface = found.hull.surface();
         Ok((found.surface.count() > 0).then_some(found))
     }
