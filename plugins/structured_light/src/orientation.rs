@@ -55,10 +55,22 @@ pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap)
         [Some(false), Some(true)] => ("rows", "mirrored top to bottom"),
         _ => return None,
     };
+    let remedy = remedy(how);
     Some(format!(
-        "{}: {what} of the projector run over the picture the other way round than they must as camera and projector stand by the calibration: the camera's pictures or the projector's are {how}; turn them back, or calibrate with pictures as these are",
+        "{}: {what} of the projector run over the picture the other way round than they must as camera and projector stand by the calibration: the camera's pictures or the projector's are {how}; {remedy}",
         map.name
     ))
+}
+
+/// What to do about pictures that are mirrored, turned, or one of both.
+fn remedy(how: &str) -> &'static str {
+    match [how.contains("mirrored"), how.contains("turned")] {
+        [true, false] => {
+            "turn them back, for mirrored ones fit no calibration (a projector behind its screen or before a mirror has a setting for that)"
+        }
+        [true, true] => "turn them back; turned ones can be calibrated as they are, mirrored ones cannot",
+        _ => "turn them back, or calibrate with pictures as these are",
+    }
 }
 
 /// How one coordinate changes over the camera's picture.
@@ -171,7 +183,7 @@ pub(crate) fn likely_change(
     let mend = if words == [EXCHANGED] {
         "exchange `columns` and `rows` in `pattern.order` of the decoder"
     } else {
-        "turn them back, or calibrate with pictures as these are"
+        remedy(&words.join(" "))
     };
     Some(format!("{:.0} % of them would if {}: {mend}", 100.0 * best, words.join(", or if ")))
 }

@@ -15,7 +15,7 @@ mod rules;
 mod still;
 
 use self::layouts::Layouts;
-use self::lit::{Wild, lattice, lit_of, sampled, unlit};
+use self::lit::{Wild, lattice, lit_of, sampled, spread, unlit};
 pub use self::prepared::Prepared;
 use self::rules::Set;
 use super::code::{Axis, Shown, StripeCode};
@@ -207,8 +207,7 @@ fn look(
     {
         let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
         let step = ((width * height) as f64 / SAMPLES as f64).sqrt().ceil() as usize;
-        let row = |y: usize| (0..width).step_by(step).map(move |x| y * width + x);
-        let samples: Vec<usize> = (0..height).step_by(step).flat_map(row).collect();
+        let samples = spread((width, height), step);
         let least = (NOISE_RANGE * found.noise).max(f64::from(min_contrast.max(1)));
         let even = lit_of(&samples, &Wild::of(code, &present).ranges(pictures, &samples), least);
         let (shown, skipped) = (code.pictures(), absent.to_vec());

@@ -12,11 +12,29 @@ const WILD: usize = 2;
 /// What noise takes off the darkest of many saturated pictures [gray levels].
 const NOISE: u8 = 8;
 
-/// Some of the pixels, two rows at a time, so that neighbours are there.
+/// How far into each of many stretches of `step` places one is taken: evenly spread, and in step with no stripes, as places that are equally far apart are where a camera sees a projector pixel for pixel. Multiples of the golden
+/// ratio's fraction are.
+pub(super) fn aside(number: usize, step: usize) -> usize {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    ((number as f64 * GOLDEN).fract() * step as f64) as usize
+}
+
+/// Some of the pixels, `n` or so, two rows at a time, so that neighbours are there.
 pub(super) fn sampled((width, height): (usize, usize), n: usize) -> Vec<usize> {
     let step = (2 * width * height).div_ceil(n).clamp(2, height.max(2));
-    let rows = (0..height).filter(|y| y % step < 2);
+    let first = |number: usize| number * step + aside(number, step - 1);
+    let rows = (0..height.div_ceil(step)).flat_map(|it| [first(it), first(it) + 1]).filter(|it| *it < height);
     rows.flat_map(|y| y * width..(y + 1) * width).collect()
+}
+
+/// Pixels `step` apart or so, in step with no stripes.
+pub(super) fn spread((width, height): (usize, usize), step: usize) -> Vec<usize> {
+    let row = |number: usize| {
+        let y = number * step + aside(number, step);
+        (0..width.div_ceil(step)).map(move |it| [it * step + aside(it + number, step), y])
+    };
+    let all = (0..height.div_ceil(step)).flat_map(row).filter(|[x, y]| *x < width && *y < height);
+    all.map(|[x, y]| y * width + x).collect()
 }
 
 /// Pixels of some whole rows and columns: every boundary between stripes crosses some of them, whichever way it runs.

@@ -1,6 +1,9 @@
 //! What `examine` promises, tried.
 
+use foveate_estimation::random::Random;
+
 use super::super::code::{Group, Inverse};
+use super::super::pattern::picture;
 use super::super::scene::{Scene, wall, wall_code, wall_set};
 use super::*;
 
@@ -42,6 +45,25 @@ fn good_sets_are_good() {
     }
     let glossy = Scene { gamma: 2.2, global: |_, _| 0.2, defocus: 0.7, ..wall(2) };
     assert_eq!(examined(&wall_code(), &glossy.pictures(&wall_code())).faults, []);
+}
+
+#[test]
+fn a_camera_that_sees_the_projector_pixel_for_pixel_is_in_step_with_no_sample() {
+    let mut random = Random::new(11);
+    for size in [[1280, 1024], [640, 480], [480, 640], [1600, 1200]] {
+        for code in [StripeCode::gray(size), StripeCode::phase(size, 4, 16)] {
+            let mut seen = |shown| -> Vec<u8> {
+                let shown = picture(&code, shown, 1.0);
+                shown.iter().map(|it| (0.7 * f64::from(*it) + 20.0 + random.normal()).round() as u8).collect()
+            };
+            let pictures: Vec<Vec<u8>> = code.pictures().into_iter().map(&mut seen).collect();
+            let [width, height] = size.map(|it| it as usize);
+            let views: Vec<ImageView<'_>> =
+                pictures.iter().map(|it| ImageView::new(it, width, height).unwrap()).collect();
+            let found = examine(&code, &views, &[], MIN_CONTRAST);
+            assert_eq!((found.faults.as_slice(), found.usable(&code)), (&[][..], Axis::BOTH.to_vec()), "{size:?}");
+        }
+    }
 }
 
 #[test]
