@@ -19,13 +19,14 @@ pub use foveate_time as time;
 /// What nearly every node file needs.
 pub mod prelude {
     pub use foveate_messages::{
-        Assignment, BODY_JOINTS, BODY_LIMBS, BODY_PARTS, CameraChoice, CameraId, CameraSet, CloudPoint, Contested, Exchange,
-        EyeView, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition, HeadReport,
-        Image, LimbDetail, Mark, MarkGuide, Marks, Mesh, MeshVertex, PatternPictures, PatternShown, PixelFormat,
-        PointCloud, Pointer, PointerChange, PointerEvent, Pointers, ProjectorMap, ProjectorSample, Provenance,
-        ScaleCloud, ScaleSpace, Silhouette, SilhouetteStatus, Skeleton, SkeletonJoint, SkeletonPart, Skeletons,
-        StrokePoint, SubRegion, Target, TargetId, TargetUser, Targets, TileView, TrackedPoint, TrackedSurface,
-        TrajectoryEnd, Unmodelled, Users, ViewStatus, Viewpoint, Views, Voxel, VoxelComponent, VoxelView, Voxels,
+        Assignment, BODY_JOINTS, BODY_LIMBS, BODY_PARTS, CameraChoice, CameraId, CameraSet, CloudPoint, Contested,
+        Exchange, EyeView, Feature, Features, HeadCommand, HeadEvent, HeadLink, HeadOrder, HeadPose, HeadPosition,
+        HeadReport, Image, LimbDetail, Mark, MarkGuide, Marks, Mesh, MeshVertex, PatternPictures, PatternShown,
+        PixelFormat, PointCloud, Pointer, PointerChange, PointerEvent, Pointers, ProjectorMap, ProjectorSample,
+        Provenance, ScaleCloud, ScaleSpace, Silhouette, SilhouetteStatus, Skeleton, SkeletonJoint, SkeletonPart,
+        Skeletons, StrokePoint, SubRegion, Target, TargetId, TargetUser, Targets, TileView, TrackedPoint,
+        TrackedSurface, TrajectoryEnd, Unmodelled, Users, ViewStatus, Viewpoint, Views, Voxel, VoxelComponent,
+        VoxelView, Voxels,
     };
     pub use foveate_node::{
         ConfigError, Due, Figures, In, Interval, Io, Message, Node, NodeBench, NodeError, Out, Plan, Pool, Ports,
