@@ -7,6 +7,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::field::{ENDLESS, VoxelField};
 use super::parts::Joint;
+use super::tracker::{BodyTracker, TrackerOptions};
 
 /// Edge of a voxel [m].
 pub(super) const SIZE: f64 = 0.03;
@@ -312,4 +313,11 @@ fn passes(from: &Point3<f64>, place: &Point3<f64>, [a, b]: &[Point3<f64>; 2]) ->
     let (first, along) = (off(a), off(b) - off(a));
     let share = (-first.dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
     (first + along * share).norm()
+}
+
+/// Who is found in voxels, and followed for a few frames.
+pub(super) fn followed(field: &VoxelField) -> BodyTracker {
+    let mut tracker = BodyTracker::acquire(field, &TrackerOptions::default()).unwrap();
+    (0..3).for_each(|_| tracker.step(field, 0.04, &[]));
+    tracker
 }

@@ -123,14 +123,9 @@ mod tests {
     use foveate_estimation::random::Random;
 
     use super::*;
+    use crate::body::drawn::{self, followed};
     use crate::body::field::ENDLESS;
-    use crate::body::{JointEstimate, JointSource, TrackerOptions, drawn};
-
-    fn followed(field: &VoxelField) -> BodyTracker {
-        let mut tracker = BodyTracker::acquire(field, &TrackerOptions::default()).unwrap();
-        (0..3).for_each(|_| tracker.step(field, 0.04, &[]));
-        tracker
-    }
+    use crate::body::{JointEstimate, JointSource};
 
     fn measured(tracker: &BodyTracker) -> usize {
         tracker.joints().iter().filter(|it| it.source == JointSource::Measured).count()

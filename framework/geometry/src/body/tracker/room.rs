@@ -117,14 +117,9 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
+    use crate::body::JointSource;
     use crate::body::acquire::turn_of;
-    use crate::body::{JointSource, TrackerOptions, drawn};
-
-    fn followed(field: &VoxelField) -> BodyTracker {
-        let mut tracker = BodyTracker::acquire(field, &TrackerOptions::default()).unwrap();
-        (0..3).for_each(|_| tracker.step(field, 0.04, &[]));
-        tracker
-    }
+    use crate::body::drawn::{self, followed};
 
     const WRISTS: [Joint; 2] = [Joint::LeftWrist, Joint::RightWrist];
 
