@@ -108,7 +108,7 @@ pub struct VoxelComponent {
     pub target: Option<TargetId>,
 }
 
-/// A block of space that views contest: many of them show body there, of which several have no voxel behind it, and others call it background.
+/// A block of space that views disagree on: many of them show body there, of which several have no voxel behind it, and others call it background.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Contested {
     /// Mean of the contested places, in the space of the producer's scale [m].

@@ -376,7 +376,7 @@ impl Hull {
         }
     }
 
-    /// What views contest of a hull that has all that is given back.
+    /// What views disagree on of a hull that has all that is given back.
     fn contested(
         &mut self,
         views: &[View],

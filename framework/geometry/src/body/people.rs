@@ -215,8 +215,8 @@ impl People {
     }
 
     /// Says where views contradict each other, after a step: places, and what each stands for [m, m³].
-    pub fn contest(&mut self, contested: &[(Point3<f64>, f64)]) {
-        self.followed.iter_mut().for_each(|it| it.tracker.contest(contested));
+    pub fn hear_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
+        self.followed.iter_mut().for_each(|it| it.tracker.hear_contested(contested));
     }
 
     /// Makes one body of two that are one: silhouettes that lost the head of somebody leave shoulders that look like two heads, and each half is somebody. Tried in the frames after they were found, ever more seldom;

@@ -58,7 +58,7 @@ pub struct LevelOptions {
     pub most_room: f64,
     /// An arm beyond whose hand voxels go on for longer is not measured: it lies in a thing, a chair's back as a rule [m].
     pub most_beyond: f64,
-    /// A body is not measured around which views contest more than this share of what its voxels hold, or so much at its head [–, m³].
+    /// A body is not measured around which views disagree on more than this share of what its voxels hold, or so much at its head [–, m³].
     pub most_contested: [f64; 2],
     /// A part inside of which more of the voxels lack is not measured, nor is a body [–].
     pub most_lacking: [f64; 2],

@@ -138,7 +138,7 @@ impl Losses {
         Ok(())
     }
 
-    /// What views contest of `grid`, in blocks: places that many of them call body, several of these without a voxel behind it, and that the others deny. `views` are those that [`Self::look`] took in, with the hull as it
+    /// What views disagree on of `grid`, in blocks: places that many of them call body, several of these without a voxel behind it, and that the others deny. `views` are those that [`Self::look`] took in, with the hull as it
     /// is told.
     ///
     /// # Errors

@@ -254,7 +254,7 @@ impl Node for BodyTrackerNode {
             seen.iter().filter(near).cloned().collect()
         });
         let contested: Vec<_> = voxels.contested.iter().map(|it| (it.centroid, it.volume)).collect();
-        self.people.contest(&contested);
+        self.people.hear_contested(&contested);
         let cameras = cameras_of(voxels);
         let list: Vec<Skeleton> = self.people.list().iter().map(|it| skeleton_of(it, &cameras)).collect();
         self.count(&list, voxels, time);

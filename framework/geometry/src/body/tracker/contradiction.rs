@@ -7,13 +7,13 @@ use super::super::field::VoxelField;
 use super::super::parts::{Joint, N_PARTS, Part};
 use super::BodyTracker;
 
-/// What views contest counts for a body if it is so near to its skin, or to that of its head, and so far above its lowest joint, where shadows are no more [m].
+/// What views disagree on counts for a body if it is so near to its skin, or to that of its head, and so far above its lowest joint, where shadows are no more [m].
 const NEAR: f64 = 0.3;
 const NEAR_HEAD: f64 = 0.2;
 const ABOVE: f64 = 0.15;
 /// Wrong poses and pictures last: what is contested holds for about so long [s].
 const LASTS_S: f64 = 1.0;
-/// Joints are so much vaguer an axis where views contest as much as the body holds [m], or a cubic metre at its head [m/m³], and at most so much [m]. Of drawn people before cameras that were turned, moved, exchanged and
+/// Joints are so much vaguer an axis where views disagree on as much as the body holds [m], or a cubic metre at its head [m/m³], and at most so much [m]. Of drawn people before cameras that were turned, moved, exchanged and
 /// mirrored, or that had lost heads and upper bodies.
 const CONTESTED_SIGMA: f64 = 0.6;
 const AT_HEAD_SIGMA: f64 = 25.0;
@@ -31,10 +31,10 @@ const TO_END_OF_HEAD: f64 = 0.6;
 /// What is known of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Contradiction {
-    /// What views contest near the body, of what its voxels hold; in the mean of the last second or now, if that is more [–].
+    /// What views disagree on near the body, of what its voxels hold; in the mean of the last second or now, if that is more [–].
     share: f64,
     mean: Option<f64>,
-    /// What they contest at the head [m³].
+    /// What they disagree on at the head [m³].
     at_head: f64,
     /// Of each part, what lacks inside [–], and of all, by volume.
     lacks: [f64; N_PARTS],
@@ -93,7 +93,7 @@ impl BodyTracker {
     }
 
     /// Says where views contradict each other, after a step: places, and what each stands for [m, m³].
-    pub fn contest(&mut self, contested: &[(Point3<f64>, f64)]) {
+    pub fn hear_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
         let known = |it: &Joint| self.filter.layout().has(it.place().0);
         let heights = Joint::ALL.into_iter().filter(known).map(|it| self.filter.body.joint(it).z);
         let low = heights.fold(f64::INFINITY, f64::min);
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_views_contest_near_a_body_or_its_head_leaves_none_of_it_measured_for_a_second() {
+    fn what_views_disagree_on_near_a_body_or_its_head_leaves_none_of_it_measured_for_a_second() {
         let field = drawn::field(&drawn::somebody());
         let mut tracker = followed(&field);
         let (all, exact) = (measured(&tracker), sigma(&tracker));
@@ -146,21 +146,21 @@ mod tests {
         let volume = field.len() as f64 * field.size().powi(3);
         let floor = Point3::new(torso.x, torso.y, tracker.filter.body.joint(Joint::LeftAnkle).z);
         // On the floor, far away, or little: as before.
-        tracker.contest(&[(floor, volume), (torso + Vector3::x() * 1.5, volume), (torso, 0.01 * volume)]);
+        tracker.hear_contested(&[(floor, volume), (torso + Vector3::x() * 1.5, volume), (torso, 0.01 * volume)]);
         assert!(measured(&tracker) == all && sigma(&tracker) < exact + 0.01, "{}", sigma(&tracker));
         let beside = torso + Vector3::x() * 0.2;
-        tracker.contest(&[(beside, 0.2 * volume)]);
+        tracker.hear_contested(&[(beside, 0.2 * volume)]);
         assert!(measured(&tracker) == 0 && sigma(&tracker) > exact.hypot(0.1), "{}", sigma(&tracker));
         // It lasts, and ends.
         let mut frames = 0;
         while measured(&tracker) == 0 && frames < 100 {
             tracker.step(&field, 0.04, &[]);
-            tracker.contest(&[]);
+            tracker.hear_contested(&[]);
             frames += 1;
         }
         assert!((1..50).contains(&frames) && measured(&tracker) == all, "{frames}");
         let mut tracker = followed(&field);
-        tracker.contest(&[(head + Vector3::z() * 0.2, 0.004)]);
+        tracker.hear_contested(&[(head + Vector3::z() * 0.2, 0.004)]);
         assert_eq!(measured(&tracker), 0);
     }
 
