@@ -171,6 +171,32 @@ impl Stance {
     }
 }
 
+/// A long coat around somebody who stands: it hides all of the legs but the shins, and goes out to the hem.
+pub(super) fn coat(joints: &[(Joint, Point3<f64>)]) -> Vec<Tube> {
+    let at = |joint: Joint| joints.iter().find(|it| it.0 == joint).unwrap().1;
+    let [neck, left, right] = [Joint::Neck, Joint::LeftHip, Joint::RightHip].map(at);
+    let across = (left - right).normalize();
+    let ahead = across.cross(&Vector3::z());
+    let hem = nalgebra::center(&at(Joint::LeftKnee), &at(Joint::RightKnee)) - Vector3::z() * 0.05;
+    let waist = neck - Vector3::z() * 0.22;
+    let corners = [
+        (1.0, 1.0),
+        (1.0, -1.0),
+        (-1.0, 1.0),
+        (-1.0, -1.0),
+        (0.0, 1.0),
+        (0.0, -1.0),
+        (1.0, 0.0),
+        (-1.0, 0.0),
+        (0.0, 0.0),
+    ];
+    let from_waist = |(x, y): (f64, f64)| {
+        let way = across * x + ahead * y * 0.7;
+        ([waist + way * 0.06, hem + way * 0.13], 0.09)
+    };
+    corners.map(from_waist).to_vec()
+}
+
 /// A chair of any size with a seat, a back and four legs, or one column.
 pub(super) fn chair(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
     let mut of = |low: f64, high: f64| random.uniform_in(low, high);

@@ -48,9 +48,9 @@ pub(super) struct Facing {
 }
 
 impl Facing {
-    /// Hears what a body in voxels says, `dt_s` seconds of it.
-    pub fn hear(&mut self, filter: &BodyFilter, field: &VoxelField, dt_s: f64) {
-        self.take(&evidence(filter, field), dt_s);
+    /// Hears what a body in voxels says, `dt_s` seconds of it. Of limbs only those `tell` that are known to lie where the filter has them: what bends in a skirt may be its folds.
+    pub fn hear(&mut self, filter: &BodyFilter, field: &VoxelField, tell: impl Fn(Limb) -> bool, dt_s: f64) {
+        self.take(&evidence(filter, field, tell), dt_s);
     }
 
     fn take(&mut self, evidence: &[f64; N_WITNESSES], dt_s: f64) {
@@ -79,7 +79,7 @@ impl Facing {
 }
 
 /// How clearly each witness speaks for the front: below 0 against it, 1 as clearly as it usually does.
-fn evidence(filter: &BodyFilter, field: &VoxelField) -> [f64; N_WITNESSES] {
+fn evidence(filter: &BodyFilter, field: &VoxelField, tell: impl Fn(Limb) -> bool) -> [f64; N_WITNESSES] {
     let body = &filter.body;
     let layout = filter.layout();
     let torso = body.turn(Part::Torso);
@@ -88,7 +88,7 @@ fn evidence(filter: &BodyFilter, field: &VoxelField) -> [f64; N_WITNESSES] {
     let (mut feet, mut hands, mut elbows) = (Mean::default(), Mean::default(), Mean::default());
     for limb in Limb::ALL {
         let [upper, lower] = limb.parts();
-        if !layout.has(lower) {
+        if !(layout.has(lower) && tell(limb)) {
             continue;
         }
         let [u, v] = [upper, lower].map(|it| body.turn(it) * Vector3::z());
@@ -180,6 +180,7 @@ fn foot(filter: &BodyFilter, field: &VoxelField, calf: Part, other: Part) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body::drawn;
 
     fn heard(evidence: [f64; N_WITNESSES], frames: usize, before: Facing) -> Facing {
         let mut facing = before;
@@ -193,6 +194,16 @@ mod tests {
         assert!(walks_back.log_odds() > 0.5 * TURNS, "{}", walks_back.log_odds());
         let one = heard([0.0, 0.0, 0.0, 0.0, 0.0, -9.0], 3000, Facing::default());
         assert!(!one.is_behind(false) && one.is_behind(true));
+    }
+
+    #[test]
+    fn limbs_that_may_lie_elsewhere_are_not_heard() {
+        let field = drawn::field(&drawn::somebody());
+        let tracker = drawn::followed(&field);
+        let [all, legs, none] = [|_| true, Limb::is_leg, |_| false].map(|it| evidence(tracker.filter(), &field, it));
+        assert!(all[0] != 0.0 && all[1] != 0.0 && legs[..2] == all[..2], "{all:?} {legs:?}");
+        assert_eq!([legs[2], legs[4], none[0], none[1], none[2], none[4]], [0.0; 6]);
+        assert!(none[3] == all[3] && none[5] == all[5], "{none:?}");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use super::filter::{BodyFilter, Matrix9, Normal, Vector9};
 use super::layout::Layout;
 use super::model::Body;
 use super::parts::{N_PARTS, Part};
-use super::proportions::{Limits, Proportions};
+use super::proportions::{Limits, Proportions, STANDING_SPREAD, share};
 use super::solid::{skin, taper};
 
 /// How voxels are compared with a body.
@@ -411,6 +411,30 @@ pub fn add_size_limits(body: &Body, normal: &mut Normal, layout: &Layout, propor
     }
 }
 
+/// Adds a row where the trunk's length is another part of trunk and legs together than nearly all people's is: legs do not part in skirts and coats before the hem, and trunks would go on to there. Of whose legs do not show
+/// at all, who stands and is so tall, the trunk is no farther from what this `stature` lets expect [m] than of two people in three.
+pub fn add_hip_limit(body: &Body, normal: &mut Normal, layout: &Layout, stature: Option<f64>) {
+    const LEGS: [Part; 4] = [Part::LeftThigh, Part::RightThigh, Part::LeftCalf, Part::RightCalf];
+    let both = |of: &dyn Fn(Part) -> f64| LEGS.into_iter().map(of).sum::<f64>() / 2.0;
+    let (trunk, legs) = (body.size(Part::Torso).z, both(&|it| body.size(it).z));
+    let (of_trunk, of_legs) = (share(Part::Torso).z, both(&|it| share(it).z));
+    let mut hold = |off: f64, most: f64, to_legs: f64| {
+        let passed = off - off.clamp(-most, most);
+        if passed != 0.0 {
+            let mut blocks = vec![(layout.size(Part::Torso), Vector3::z())];
+            blocks.extend(LEGS.map(|it| (layout.size(it), Vector3::z() * (-to_legs / 2.0))));
+            normal.add_row(&blocks, passed, SIZE_SIGMA.powi(-2));
+        }
+    };
+    let to_legs = of_trunk / of_legs;
+    hold(trunk - to_legs * legs, SIZE_SIGMAS * HIP_SPREAD * (trunk + legs), to_legs);
+    if let Some(stature) = stature {
+        hold(trunk - of_trunk * stature, HIP_SPREAD.hypot(STANDING_SPREAD * of_trunk) * stature, 0.0);
+    }
+}
+
+/// How people differ in where the hips are between shoulders and soles, one standard deviation as a share of that [–]: sitting height is 0.52 of the stature, with a standard deviation of 0.014 [Frisancho 1990].
+const HIP_SPREAD: f64 = 0.016;
 /// Of 20 people one is farther off in one length [–].
 const SIZE_SIGMAS: f64 = 2.0;
 /// How soft that is [m].
@@ -515,6 +539,26 @@ mod tests {
             let normal = normal_of(&body);
             let at = layout.size(Part::LeftThigh) + 2;
             assert!(-normal.vector[at] * sign > 0.0 && normal.vector.iter().filter(|it| **it != 0.0).count() == 1);
+        }
+    }
+
+    #[test]
+    fn trunks_end_where_those_of_people_do_beside_their_legs_and_their_stature() {
+        let proportions = Proportions::default();
+        let layout = Layout::new(|_| true);
+        let mut body = Body { sizes: proportions.sizes(), ..some_body(4) };
+        let pull = |body: &Body, stature: Option<f64>| {
+            let mut normal = Normal::new(layout);
+            add_hip_limit(body, &mut normal, &layout, stature);
+            [Part::Torso, Part::LeftThigh, Part::RightCalf].map(|it| -normal.vector[layout.size(it) + 2])
+        };
+        assert_eq!([None, Some(1.7), Some(1.6)].map(|it| pull(&body, it)), [[0.0; 3]; 3]);
+        let [torso, thigh, calf] = pull(&body, Some(1.4));
+        assert!(torso < 0.0 && thigh == 0.0 && calf == 0.0, "{torso} {thigh} {calf}");
+        for (factor, sign) in [(1.2, 1.0), (0.8, -1.0)] {
+            body.sizes[Part::Torso.index()].z = proportions.sizes()[Part::Torso.index()].z * factor;
+            let [torso, thigh, calf] = pull(&body, None).map(|it| it * sign);
+            assert!(torso < 0.0 && thigh > 0.0 && calf > 0.0, "{factor}: {torso} {thigh} {calf}");
         }
     }
 

@@ -10,7 +10,7 @@ use super::acquire::AcquisitionOptions;
 use super::facing::{Facing, SURE};
 use super::field::VoxelField;
 use super::filter::{Beginning, BodyFilter, MotionOptions, Step};
-use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_labelled, add_limits, add_size_limits};
+use super::fit::{Fit, FitOptions, Labelled, Skins, Support, add_hip_limit, add_labelled, add_limits, add_size_limits};
 use super::layout::Presence;
 use super::parts::{Joint, Limb, N_PARTS, Part};
 use super::proportions::{Limits, Proportions, joint_sigma};
@@ -22,6 +22,7 @@ mod levels;
 mod rest;
 mod room;
 
+use beginning::standing;
 use contradiction::Contradiction;
 
 /// All that a tracker is told.
@@ -209,9 +210,9 @@ fn hidden_sigma(joint: Joint) -> f64 {
     }
 }
 
-/// Hips of who sits lie so much farther from where the model has them, one standard deviation along an axis [m]: flesh and seat go below them, and a chair's back is beside the trunk. Of 13 seated people of another renderer, whose
+/// Hips of who sits, and of whose legs do not show, lie so much farther from where the model has them, one standard deviation along an axis [m]: flesh and seat go below them, and a chair's back is beside the trunk. Of 13 seated people of another renderer, whose
 /// hips were 54 to 96 mm off.
-const SEATED_HIP_SIGMA: f64 = 0.04;
+const VAGUE_HIP_SIGMA: f64 = 0.04;
 
 /// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
 const VOXEL_SHARE: f64 = 0.25;
@@ -303,15 +304,28 @@ impl BodyTracker {
         let mut fit = Fit::new(field, &options.fit, Some(&self.filter));
         let layout = *self.filter.layout();
         let known = self.facing();
+        let people = self.child.as_ref().unwrap_or(&options.proportions);
+        let stature = self.hidden_stature(field, people);
         self.filter.update(iterations, self.share, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
-            add_size_limits(body, normal, &layout, self.child.as_ref().unwrap_or(&options.proportions));
+            add_size_limits(body, normal, &layout, people);
+            add_hip_limit(body, normal, &layout, stature);
             add_labelled(body, normal, &layout, labelled);
         });
         self.support = fit.support;
         self.voxel = field.size();
         self.beyond = self.beyond_hands(field);
+    }
+
+    /// How tall somebody is who stands and whose legs do not show [m]; `None` in the first frame, when it is not known yet whether that is anybody.
+    fn hidden_stature(&self, field: &VoxelField, people: &Proportions) -> Option<f64> {
+        let is_hidden = |it: Limb| self.level(it) != LimbLevel::Absent && !self.is_sure(it);
+        if self.frame == 0 || !(is_hidden(Limb::LeftLeg) && is_hidden(Limb::RightLeg)) {
+            return None;
+        }
+        let top = self.filter.body.centre(Part::Head).z + self.filter.body.size(Part::Head).z;
+        standing(field, top, self.upright(), people).map(|it| it.stature)
     }
 
     /// How unlike a person this is [–].
@@ -362,10 +376,17 @@ impl BodyTracker {
     }
 
     fn judge_facing(&mut self, field: &VoxelField, dt_s: f64) {
-        self.facing.hear(&self.filter, field, dt_s);
+        self.hear_facing(field, dt_s);
         if self.facing.is_behind(false) {
             self.turn_about();
         }
+    }
+
+    fn hear_facing(&mut self, field: &VoxelField, dt_s: f64) {
+        let tell = |limb: Limb| limb.parts().into_iter().all(|it| self.is_supported(it)) && self.is_sure(limb);
+        let mut facing = self.facing;
+        facing.hear(&self.filter, field, tell, dt_s);
+        self.facing = facing;
     }
 
     fn turn_about(&mut self) {
@@ -459,14 +480,15 @@ impl BodyTracker {
             && (!limb.is_leg() || covered.iter().all(|it| *it >= measured_leg))
     }
 
-    /// Whether a joint is the hip of a thigh that is turned from the trunk, as of who sits.
-    fn is_flexed(&self, joint: Joint) -> bool {
+    /// Whether a joint is the hip of a thigh that is turned from the trunk, as of who sits, or does not show, as in a skirt.
+    fn is_vague_hip(&self, joint: Joint) -> bool {
         let thigh = match joint {
             Joint::LeftHip => Part::LeftThigh,
             Joint::RightHip => Part::RightThigh,
             _ => return false,
         };
-        self.filter.layout().has(thigh) && room::is_seated(&self.filter.body, thigh)
+        let limb = if joint == Joint::LeftHip { Limb::LeftLeg } else { Limb::RightLeg };
+        self.filter.layout().has(thigh) && (room::is_seated(&self.filter.body, thigh) || !self.is_sure(limb))
     }
 
     /// Whether an arm lies in a thing: in something that goes on beyond its hand, or where the back of a chair is.
@@ -494,7 +516,7 @@ impl BodyTracker {
         let contradicted = self.contradiction.sigma();
         for it in &mut list {
             let hidden = if it.source == JointSource::Predicted { hidden_sigma(it.joint) } else { 0.0 };
-            let seated = if self.is_flexed(it.joint) { SEATED_HIP_SIGMA } else { 0.0 };
+            let seated = if self.is_vague_hip(it.joint) { VAGUE_HIP_SIGMA } else { 0.0 };
             let own = joint_sigma(it.joint).powi(2) + seated.powi(2);
             let variance = own + (VOXEL_SHARE * self.voxel).powi(2) + hidden.powi(2) + contradicted.powi(2);
             (0..3).for_each(|axis| it.covariance[(axis, axis)] += variance);

@@ -12,7 +12,7 @@ use super::super::filter::BodyFilter;
 use super::super::fit::Support;
 use super::super::layout::Layout;
 use super::super::parts::{Limb, Part};
-use super::super::proportions::{Proportions, share};
+use super::super::proportions::{Proportions, STANDING_SPREAD, share};
 use super::contradiction::Contradiction;
 use super::{BodyTracker, LimbLevel, LimbTrack, TrackerOptions, UPRIGHT};
 
@@ -121,7 +121,9 @@ impl BodyTracker {
         trunk: &TrunkFound,
         child: Option<&Proportions>,
     ) -> Result<BodyTracker, AcquisitionFailure> {
-        let standing = child.cloned().or_else(|| standing(field, trunk, &options.proportions));
+        let standing = child
+            .cloned()
+            .or_else(|| standing(field, trunk.head.centre.z + trunk.head.radius, trunk.up.z, &options.proportions));
         let length = standing.as_ref().map_or(trunk.length, |it| {
             // Where legs part is told of legs that do; of others it is far below.
             let expected = 2.0 * share(Part::Torso).z * it.stature;
@@ -192,25 +194,25 @@ impl BodyTracker {
             });
         }
         // What one frame says counts as much as a quarter of a second does.
-        tracker.facing.hear(&tracker.filter, field, 0.25);
+        tracker.look_around(field);
+        tracker.hear_facing(field, 0.25);
         if tracker.facing.is_behind(true) {
             tracker.turn_about();
         }
         tracker.judge_limbs(0.0);
-        tracker.look_around(field);
         tracker.look_inside(field, 0.0);
         Ok(tracker)
     }
 }
 
-/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the top of the head. `None` of who sits or crouches, and is far below that.
-fn standing(field: &VoxelField, trunk: &TrunkFound, expected: &Proportions) -> Option<Proportions> {
+/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the `top` of the head; `up` is the cosine between trunk and vertical. `None` of who sits or crouches, and is far below that.
+pub(super) fn standing(field: &VoxelField, top: f64, up: f64, expected: &Proportions) -> Option<Proportions> {
     let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
-    let height = trunk.head.centre.z + trunk.head.radius - lowest;
+    let height = top - lowest;
     let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
     // Knees that bend and legs apart take some percent, shoes and hair give some.
     let stature_spread = STANDING_SPREAD.min(expected.stature_spread);
-    (trunk.up.z > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
+    (up > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
 }
 
 /// Proportions of a child who stands with this head on top: the voxels are too low for anybody of the expected stature who stands.
@@ -231,6 +233,3 @@ const CHILD_HEAD: f64 = 0.85;
 
 /// A child may leave so much more of the skin to nobody than an adult who crouches [–].
 const CHILD_REST: f64 = 0.01;
-
-/// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
-const STANDING_SPREAD: f64 = 0.04;

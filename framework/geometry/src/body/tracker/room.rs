@@ -147,6 +147,25 @@ mod tests {
     }
 
     #[test]
+    fn hips_in_a_long_coat_are_not_at_its_hem() {
+        let mut off = Vec::new();
+        for seed in 0..8 {
+            let mut random = Random::new(900 + seed);
+            let stature = random.uniform_in(1.58, 1.88);
+            let stance = drawn::Stance { stature, arms: [1.1, 1.0], ..drawn::Stance::upright(&mut random) };
+            let (tubes, joints) = stance.drawn();
+            let field = drawn::hull(&[tubes, drawn::coat(&joints)].concat(), &drawn::ring(8, &mut random), 0.025);
+            // Now and then nobody is found in so much cloth.
+            let Ok(mut tracker) = BodyTracker::acquire(&field, &Default::default()) else { continue };
+            (0..15).for_each(|_| tracker.step(&field, 0.04, &[]));
+            let height = |of: &dyn Fn(Joint) -> f64| (of(Joint::LeftHip) + of(Joint::RightHip)) / 2.0;
+            let at = |joint: Joint| joints.iter().find(|it| it.0 == joint).unwrap().1.z;
+            off.push(height(&|it| tracker.filter.body.joint(it).z) - height(&at));
+        }
+        assert!(off.len() >= 6 && off.iter().all(|it| (-0.10..0.02).contains(it)), "{off:.3?}");
+    }
+
+    #[test]
     fn behind_the_back_of_who_sits_is_no_arm_and_of_who_stands_it_may_be() {
         for (sits, seed) in (0..6).map(|it| (it % 2 == 0, it)) {
             let mut random = Random::new(seed);
