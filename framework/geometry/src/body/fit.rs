@@ -429,7 +429,8 @@ pub fn add_hip_limit(body: &Body, normal: &mut Normal, layout: &Layout, stature:
     let to_legs = of_trunk / of_legs;
     hold(trunk - to_legs * legs, SIZE_SIGMAS * HIP_SPREAD * (trunk + legs), to_legs);
     if let Some(stature) = stature {
-        hold(trunk - of_trunk * stature, HIP_SPREAD.hypot(STANDING_SPREAD * of_trunk) * stature, 0.0);
+        let spread = (HIP_SPREAD * (of_trunk + of_legs)).hypot(STANDING_SPREAD * of_trunk);
+        hold(trunk - of_trunk * stature, spread * stature, 0.0);
     }
 }
 
