@@ -411,7 +411,7 @@ pub fn add_size_limits(body: &Body, normal: &mut Normal, layout: &Layout, propor
     }
 }
 
-/// Adds a row where the trunk's length is another part of trunk and legs together than nearly all people's is: legs do not part in skirts and coats before the hem, and trunks would go on to there. Of whose legs do not show
+/// Of somebody who stands, adds a row where the trunk's length is another part of trunk and legs together than nearly all people's is: legs do not part in skirts and coats before the hem, and trunks would go on to there. Of whose legs do not show
 /// at all, who stands and is so tall, the trunk is no farther from what this `stature` lets expect [m] than of two people in three.
 pub fn add_hip_limit(body: &Body, normal: &mut Normal, layout: &Layout, stature: Option<f64>) {
     const LEGS: [Part; 4] = [Part::LeftThigh, Part::RightThigh, Part::LeftCalf, Part::RightCalf];

@@ -305,12 +305,14 @@ impl BodyTracker {
         let layout = *self.filter.layout();
         let known = self.facing();
         let people = self.child.as_ref().unwrap_or(&options.proportions);
-        let stature = self.hidden_stature(field, people);
+        let (stature, hides_legs) = (self.standing_stature(field, people), self.hides_legs());
         self.filter.update(iterations, self.share, |body, normal| {
             fit.measure(body, normal, &layout);
             add_limits(body, normal, &layout, &options.limits, known);
             add_size_limits(body, normal, &layout, people);
-            add_hip_limit(body, normal, &layout, stature);
+            if let Some(stature) = stature {
+                add_hip_limit(body, normal, &layout, hides_legs.then_some(stature));
+            }
             add_labelled(body, normal, &layout, labelled);
         });
         self.support = fit.support;
@@ -318,14 +320,16 @@ impl BodyTracker {
         self.beyond = self.beyond_hands(field);
     }
 
-    /// How tall somebody is who stands and whose legs do not show [m]; `None` in the first frame, when it is not known yet whether that is anybody.
-    fn hidden_stature(&self, field: &VoxelField, people: &Proportions) -> Option<f64> {
-        let is_hidden = |it: Limb| self.level(it) != LimbLevel::Absent && !self.is_sure(it);
-        if self.frame == 0 || !(is_hidden(Limb::LeftLeg) && is_hidden(Limb::RightLeg)) {
-            return None;
-        }
+    /// How tall somebody is who stands [m].
+    fn standing_stature(&self, field: &VoxelField, people: &Proportions) -> Option<f64> {
         let top = self.filter.body.centre(Part::Head).z + self.filter.body.size(Part::Head).z;
         standing(field, top, self.upright(), people).map(|it| it.stature)
+    }
+
+    /// Whether neither leg shows; of the first frame it is not known yet.
+    fn hides_legs(&self) -> bool {
+        let is_hidden = |it: Limb| self.level(it) != LimbLevel::Absent && !self.is_sure(it);
+        self.frame > 0 && is_hidden(Limb::LeftLeg) && is_hidden(Limb::RightLeg)
     }
 
     /// How unlike a person this is [–].

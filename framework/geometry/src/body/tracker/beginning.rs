@@ -207,7 +207,8 @@ impl BodyTracker {
 
 /// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the `top` of the head; `up` is the cosine between trunk and vertical. `None` of who sits or crouches, and is far below that.
 pub(super) fn standing(field: &VoxelField, top: f64, up: f64, expected: &Proportions) -> Option<Proportions> {
-    let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min) - field.size() / 2.0;
+    // They are in the order of their heights.
+    let lowest = field.centre(*field.voxels().first()?).z - field.size() / 2.0;
     let height = top - lowest;
     let is_likely = (height / expected.stature - 1.0).abs() < 2.5 * expected.stature_spread;
     // Knees that bend and legs apart take some percent, shoes and hair give some.
