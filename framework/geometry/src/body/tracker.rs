@@ -214,6 +214,9 @@ fn hidden_sigma(joint: Joint) -> f64 {
 /// hips were 54 to 96 mm off.
 const VAGUE_HIP_SIGMA: f64 = 0.04;
 
+/// Who is lower than this part of what is expected may sit [–]: heads of who sits are at 0.8 of the stature at most.
+const LEAST_STANDING: f64 = 0.9;
+
 /// Joints are off by this part of a voxel's edge besides [–]: of people that are not in the figures.
 const VOXEL_SHARE: f64 = 0.25;
 
@@ -320,10 +323,11 @@ impl BodyTracker {
         self.beyond = self.beyond_hands(field);
     }
 
-    /// How tall somebody is who stands [m].
+    /// How tall somebody is who stands [m]; `None` of who is much lower than expected, as on a chair.
     fn standing_stature(&self, field: &VoxelField, people: &Proportions) -> Option<f64> {
         let top = self.filter.body.centre(Part::Head).z + self.filter.body.size(Part::Head).z;
-        standing(field, top, self.upright(), people).map(|it| it.stature)
+        let stature = standing(field, top, self.upright(), people)?.stature;
+        (stature > LEAST_STANDING * people.stature).then_some(stature)
     }
 
     /// Whether neither leg shows; of the first frame it is not known yet.
