@@ -332,7 +332,7 @@ impl BodyTracker {
 
     /// Whether neither leg shows; of the first frame it is not known yet.
     fn hides_legs(&self) -> bool {
-        let is_hidden = |it: Limb| self.level(it) != LimbLevel::Absent && !self.is_sure(it);
+        let is_hidden = |it: Limb| self.level(it) == LimbLevel::Absent || !self.is_sure(it);
         self.frame > 0 && is_hidden(Limb::LeftLeg) && is_hidden(Limb::RightLeg)
     }
 
