@@ -281,6 +281,7 @@ impl Calibrator {
         self.residuals(&solution, report);
         let normals: Vec<Vector3<f64>> = solution.boards.iter().map(BoardPose::normal).collect();
         self.remarks.extend(at_one_angle(&normals));
+        self.remarks.extend(solution.stretch.map(|it| it.to_string()));
         if self.sets.len() < 3 {
             self.remarks.push(format!(
                 "{} sets hold focal length, principal point and the first term of a lens at best, and none can be held out: expected at least 3",

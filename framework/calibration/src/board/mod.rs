@@ -26,7 +26,7 @@ use nalgebra::Vector3;
 
 pub use network::calibrate;
 pub use pattern::Board;
-pub use types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, Refused, Why};
+pub use types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, Refused, Stretch, Why};
 pub use unsynchronised::{NoBoardClocks, board_on_one_clock};
 
 /// Boards whose directions differ by less are as good as parallel: focal length and distance are then told apart by perspective alone [rad].

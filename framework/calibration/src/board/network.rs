@@ -1,6 +1,7 @@
 //! From looks at a board to a solved room.
 
 mod hold_out;
+mod stretch;
 
 use std::collections::BTreeMap;
 
@@ -141,11 +142,13 @@ fn solve(
     }
     let mut network = Room::new(cameras, placed, camera_frames, optics, board, options);
     network.solve();
+    let stretch = network.stretch(&recording.cameras.iter().map(|it| &it.camera).collect::<Vec<_>>());
     let mut solution = network.into_solution(recording, optics.to_vec(), status);
     solution.solved.links = paired.into_iter().map(|it| it.link).collect();
     solution.ambiguous = group.open.clone();
     solution.ambiguous.sort_unstable();
     solution.ambiguous.dedup();
+    solution.stretch = stretch;
     Ok(solution)
 }
 
@@ -503,6 +506,7 @@ impl<'a> Room<'a> {
             ambiguous: Vec::new(),
             unusable_spots: 0,
             misfit_views: 0,
+            stretch: None,
         }
     }
 }

@@ -90,6 +90,13 @@ impl Board {
         points.iter().map(|it| farthest(it)).fold(0.0, f64::max)
     }
 
+    /// The same board with rows that are longer by a part of their length.
+    #[cfg(test)]
+    pub(super) fn with_longer_rows(mut self, by: f64) -> Board {
+        self.places.values_mut().for_each(|it| it.x *= 1.0 + by);
+        self
+    }
+
     /// The mark nearest to a place on the board.
     pub(super) fn nearest(&self, place: &Point3<f64>) -> u32 {
         let distance = |it: &Point3<f64>| (it - place).norm_squared();

@@ -158,6 +158,27 @@ fn cameras_and_optics_are_found_from_nothing_and_are_as_good_as_is_stated() {
 }
 
 #[test]
+fn a_board_that_is_printed_too_long_one_way_is_told_and_others_are_not() {
+    let with_aspect = Freedom { aspect: true, ..ALL };
+    for seed in 0..4 {
+        for (by, free) in [(0.0, ALL), (0.02, ALL), (-0.006, with_aspect), (0.0, with_aspect), (0.02, Freedom::POSE)] {
+            let mut scene = scene(2, 12, charuco(), 40 + seed);
+            let said = scene.board.clone();
+            scene.board = said.clone().with_longer_rows(by);
+            let solution = solved(&scene.recording(free, seed), &said);
+            match solution.stretch {
+                Some(it) => assert!(by != 0.0 && (it.by - by).abs() < 0.003, "seed {seed}, {by}: {it:?}"),
+                None => assert_eq!(by, 0.0, "seed {seed}"),
+            }
+        }
+        // Pixels that are not square are no board.
+        let mut scene = scene(2, 12, charuco(), 50 + seed);
+        scene.cameras.iter_mut().for_each(|it| it.intrinsics.focal[1] *= 1.03);
+        assert_eq!(solved(&scene.recording(with_aspect, seed), &scene.board).stretch, None, "seed {seed}");
+    }
+}
+
+#[test]
 fn a_symmetric_board_that_each_camera_reads_its_own_way_round_is_put_right() {
     for (seed, columns, rows) in [(1, 8, 6), (2, 6, 6), (3, 7, 7)] {
         let scene = scene(3, 16, Board::chessboard(columns, rows, 0.05).unwrap(), seed);

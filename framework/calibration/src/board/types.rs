@@ -179,6 +179,30 @@ pub struct BoardSolution {
     pub unusable_spots: usize,
     /// Pictures whose marks do not lie as on this board.
     pub misfit_views: usize,
+    /// The board is longer one way than it is said to be, as it seems.
+    pub stretch: Option<Stretch>,
+}
+
+/// A board whose marks are farther apart one way than they are said to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// By how much its rows are longer than they should be beside its columns; below 0, shorter [–].
+    pub by: f64,
+    /// Root mean square distances of the marks in use: as the board is said to be, and with rows that are so long [px].
+    pub rms_px: [f64; 2],
+}
+
+impl std::fmt::Display for Stretch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Stretch { by, rms_px: [said, stretched] } = *self;
+        let which = if by > 0.0 { "longer" } else { "shorter" };
+        write!(
+            f,
+            "squares of the board seem {:.1} % {which} along its rows than along its columns, expected as long ({said:.2} px rms as stated, {stretched:.2} px so): lengths of the calibration are off by as much. Measure the print both \
+             ways, over many squares; pixels that are not square look like that, too, where the board is always held the same way",
+            100.0 * by.abs()
+        )
+    }
 }
 
 /// Why there is no answer at all.

@@ -112,7 +112,7 @@ pub fn solve(
     older: Option<FixedFreedoms>,
     solver_options: &BoardOptions,
 ) -> Result<FromBoard, String> {
-    let BoardSolution { solved, optics, ambiguous, unusable_spots, misfit_views, boards, .. } =
+    let BoardSolution { solved, optics, ambiguous, unusable_spots, misfit_views, boards, stretch, .. } =
         board::calibrate(recording, board, solver_options).map_err(|fault| fault.to_string())?;
     let mut notes = vec![format!("{}: seen in {} frames", board.name, boards.len())];
     let normals: Vec<_> = boards.iter().map(board::BoardPose::normal).collect();
@@ -155,6 +155,7 @@ pub fn solve(
             "{unusable_spots} corners without a number that is on the board, or with one that is there twice"
         ));
     }
+    notes.extend(stretch.map(|it| it.to_string()));
     if misfit_views > 0 {
         notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
     }
