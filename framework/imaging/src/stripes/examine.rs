@@ -7,6 +7,7 @@
 
 mod fold;
 mod layouts;
+mod level;
 mod light;
 mod lit;
 mod open;
@@ -14,11 +15,13 @@ mod prepared;
 mod rules;
 mod still;
 
+use std::cmp::Reverse;
+
 use self::layouts::Layouts;
 use self::lit::{Wild, lattice, lit_of, sampled, spread, unlit};
 pub use self::prepared::Prepared;
 use self::rules::Set;
-use super::code::{Axis, Shown, StripeCode};
+use super::code::{Axis, Inverse, Shown, StripeCode};
 use super::explain::{self, Explained};
 use super::exposure;
 use super::fade::{self, Fade};
@@ -142,7 +145,58 @@ fn positives_examined(
     absent: &[usize],
     min_contrast: u8,
 ) -> Examination {
-    let (found, lit) = look(code, pictures, absent, min_contrast);
+    let as_they_are = || {
+        let (found, lit) = look(code, pictures, absent, min_contrast);
+        settled(code, pictures, absent, min_contrast, found, &lit)
+    };
+    let broken = |pictures: &[ImageView<'_>]| at_first_sight(code, pictures, absent, min_contrast, Asked::Rules).0;
+    let found = broken(pictures);
+    // What differs in light and exposure looks like other stripes.
+    if code.inverse == Inverse::None || found.n_accused() == 0 {
+        return as_they_are();
+    }
+    // A light that was switched is told from its two sides, and is all that differs then.
+    let is_switch = |it: &SetFault| matches!(it, SetFault::Moved { light: Some(_), .. });
+    if found.faults.iter().filter(|it| is_switch(it)).count() == found.n_accused() {
+        let found = as_they_are();
+        if found.n_accused() == 0 {
+            return found;
+        }
+    }
+    let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
+    let Some(levelled) = level::levelled(pictures, &present, found.noise, code.steps > 0) else { return as_they_are() };
+    let Some(views) = light::replaced(pictures, &levelled.pictures) else { return as_they_are() };
+    let is_whole = pictures.len() == code.pictures().len();
+    if is_whole && broken(&views).n_accused() > found.n_accused() {
+        return as_they_are();
+    }
+    let (mut judged, lit) = look(code, &views, absent, min_contrast);
+    // Pairs tell lights and exposures better, where all of them are there.
+    if is_whole {
+        let settled = settled(code, pictures, absent, min_contrast, judged.clone(), &lit);
+        if settled.is_evened() && settled.soundness(code) >= judged.soundness(code) {
+            return settled;
+        }
+    }
+    drop(views);
+    judged.faults.splice(0..0, levelled.faults);
+    judged.relit = levelled.pictures;
+    if Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == judged.usable(code).len() {
+        return judged;
+    }
+    let as_they_are = as_they_are();
+    if as_they_are.soundness(code) >= judged.soundness(code) { as_they_are } else { judged }
+}
+
+/// What is found of a set once pairs tell its light and exposures; `found` is what was found without, and `lit` the pixels that the projector lights.
+fn settled(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    absent: &[usize],
+    min_contrast: u8,
+    found: Examination,
+    lit: &[(usize, u8, u8)],
+) -> Examination {
     let n = code.pictures().len();
     // Where something is wrong with a whole set, its pictures may well stand in their places.
     let natural = || (0..n).map(|it| Some(it).filter(|it| !absent.contains(it))).collect();
@@ -150,11 +204,11 @@ fn positives_examined(
     // Pictures that are taken for each other are of no other exposure: a step is brighter than a bit's inverse.
     let is_put_right = found.faults.iter().any(|it| matches!(it, SetFault::Exchanged { mended: true, .. }));
     let places: Vec<Option<usize>> = if is_whole && !is_put_right { natural() } else { found.places.clone() };
-    let pairs = exposure::factors_of_pairs(code, pictures, &places, &lit);
+    let pairs = exposure::factors_of_pairs(code, pictures, &places, lit);
     let fade = if is_whole { fade::faded(&pairs, code, &places) } else { None };
     if fade.is_none()
         && is_whole
-        && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, &lit, &places)
+        && let Some(without) = light::in_one_light(code, pictures, absent, min_contrast, &found, lit, &places)
     {
         return without;
     }
@@ -166,11 +220,11 @@ fn positives_examined(
             let all = evened(&fade.factors);
             let Some(views) = light::replaced(pictures, &all) else { return found };
             // What is left, as in phase steps.
-            let left = exposure::uneven(code, &views, &places, &lit);
+            let left = exposure::uneven(code, &views, &places, lit);
             let more = |at: usize| left.iter().find(|it| it.0 == at).map_or(1.0, |it| it.1);
             fade.factors.iter().map(|(at, factor)| (*at, factor * more(*at))).collect()
         }
-        None => exposure::uneven_by(&pairs, code, pictures, &places, &lit),
+        None => exposure::uneven_by(&pairs, code, pictures, &places, lit),
     };
     if uneven.is_empty() {
         return found;
@@ -201,7 +255,7 @@ fn look(
     absent: &[usize],
     min_contrast: u8,
 ) -> (Examination, Vec<(usize, u8, u8)>) {
-    let (mut found, lit) = at_first_sight(code, pictures, absent, min_contrast);
+    let (mut found, lit) = at_first_sight(code, pictures, absent, min_contrast, Asked::Why);
     if open::is_open(code, &found)
         && let Some((width, height)) = pictures.first().map(|it| it.size())
     {
@@ -217,12 +271,22 @@ fn look(
     (found, lit)
 }
 
+/// What is asked of a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    /// Which rules it breaks.
+    Rules,
+    /// And why: which pictures lack, or stand elsewhere. Of a set that breaks many rules this takes much longer.
+    Why,
+}
+
 /// As [`look`], with what the rules of a Gray code leave open.
 fn at_first_sight(
     code: &StripeCode,
     pictures: &[ImageView<'_>],
     absent: &[usize],
     min_contrast: u8,
+    asked: Asked,
 ) -> (Examination, Vec<(usize, u8, u8)>) {
     let shown = code.pictures();
     let mut found = Examination { places: vec![None; shown.len()], ..Examination::default() };
@@ -270,6 +334,11 @@ fn at_first_sight(
     let set = |lit, skipped| Set { code, pictures, shown: &shown, lit, width, noise, skipped };
     let mut skipped = absent.to_vec();
     if pictures.len() != shown.len() {
+        if asked == Asked::Rules {
+            let (n, expected) = (pictures.len(), shown.len());
+            found.faults.push(SetFault::Count { found: n, expected, unpaired: None, is_explained: false });
+            return (found, lit);
+        }
         let samples = lattice(first.size(), MANY_SAMPLES);
         let many = lit_of(&samples, &wild.ranges(pictures, &samples), least);
         let all = set(&many, skipped);
@@ -410,6 +479,10 @@ fn at_first_sight(
         found.faults.extend(faults);
         return (found, lit);
     }
+    if asked == Asked::Rules {
+        found.faults.extend(faults);
+        return (found, lit);
+    }
     let kept: Vec<usize> = (0..pictures.len()).filter(|it| !skipped.contains(it)).collect();
     let samples = lattice(first.size(), MANY_SAMPLES);
     let many = lit_of(&samples, &Wild::of(code, &kept).ranges(pictures, &samples), least);
@@ -520,6 +593,32 @@ fn by_white(
 }
 
 impl Examination {
+    /// How many axes can be decoded, and how much is wrong with pictures beside their light: of two sets the sounder one has more.
+    fn soundness(&self, code: &StripeCode) -> (usize, Reverse<usize>) {
+        (self.usable(code).len(), Reverse(self.n_accused()))
+    }
+
+    fn n_accused(&self) -> usize {
+        let is_light = |it: &SetFault| {
+            matches!(
+                it,
+                SetFault::Dim { .. }
+                    | SetFault::TooBright { .. }
+                    | SetFault::Unreadable { .. }
+                    | SetFault::Uneven { .. }
+                    | SetFault::Faded { .. }
+                    | SetFault::Relit { .. }
+                    | SetFault::Unsteady { .. }
+            )
+        };
+        self.faults.iter().filter(|it| !is_light(it)).count()
+    }
+
+    /// Whether its pictures were brought into one light or one exposure.
+    fn is_evened(&self) -> bool {
+        !self.relit.is_empty() || !self.uneven.is_empty()
+    }
+
     /// Takes what was found, of pictures of which none of `skipped` shows anything.
     fn take(&mut self, explained: Explained, skipped: &[usize]) {
         self.faults.extend(explained.faults);

@@ -24,6 +24,8 @@ const KNOWN: f64 = 0.02;
 const OFF: f64 = 0.1;
 /// In such a set all pictures are evened out that are off by more than this [–].
 const OFF_TOO: f64 = 0.01;
+/// Of a picture that is bright nearly everywhere the exposure is that of its pixels where most of them, two standard deviations of noise, are alike to within this [–].
+const SAME_EVERYWHERE: f64 = 0.1;
 /// Exposures beyond this say that something else is wrong [–].
 const RANGE: std::ops::RangeInclusive<f64> = 0.15..=6.0;
 /// A gray level that may be cut off.
@@ -63,7 +65,7 @@ pub(super) fn uneven_by(
     places: &[Option<usize>],
     lit: &[(usize, u8, u8)],
 ) -> Vec<(usize, f64)> {
-    let mut off = uneven_pairs(pairs, code, places);
+    let mut off = uneven_pairs(pairs, &of_one_side(code, pictures, places, lit), code, places);
     off.extend(Axis::BOTH.into_iter().flat_map(|axis| uneven_steps(code, axis, pictures, places, lit)));
     off.sort_by_key(|it| it.0);
     off
@@ -151,13 +153,19 @@ fn to_middle(factors: &mut [f64]) -> Option<()> {
     factors.iter().all(|it| it.is_finite() && *it > 0.0).then_some(())
 }
 
-/// Pictures of bits, and white, of another exposure.
-fn uneven_pairs(pairs: &[Pair], code: &StripeCode, places: &[Option<usize>]) -> Vec<(usize, f64)> {
+/// Pictures of bits, and white, of another exposure; `alone` are those of which the other one of their bit is dark.
+fn uneven_pairs(
+    pairs: &[Pair],
+    alone: &[(usize, f64)],
+    code: &StripeCode,
+    places: &[Option<usize>],
+) -> Vec<(usize, f64)> {
     let mut factors: Vec<(usize, f64)> =
         pairs.iter().flat_map(|(pair, factors)| pair.iter().copied().zip(*factors)).collect();
     let mut all: Vec<f64> = factors.iter().map(|it| it.1).collect();
     all.sort_by(f64::total_cmp);
     let Some(most) = all.get(all.len() / 2).copied() else { return Vec::new() };
+    factors.extend(alone);
     let picture = |what: Shown| code.place(what).and_then(|it| places[it]);
     if let (Some(white), Some(_)) = (picture(Shown::White), picture(Shown::Black)) {
         factors.push((white, 1.0));
@@ -177,6 +185,28 @@ pub(super) fn factors_of_pairs(
     places: &[Option<usize>],
     lit: &[(usize, u8, u8)],
 ) -> Vec<Pair> {
+    let rows = rows_of_pairs(code, pictures, places, lit);
+    rows.into_iter().filter_map(|(pair, rows)| Some((pair, fit(&rows)?))).collect()
+}
+
+/// How many times too bright pictures are that are bright nearly everywhere, by white and black less the other picture of their bit, which is as dark as black: that one's exposure nothing tells.
+fn of_one_side(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<(usize, f64)> {
+    let rows = rows_of_pairs(code, pictures, places, lit);
+    rows.into_iter().filter_map(|(pair, rows)| fit_one(&rows).map(|(bright, it)| (pair[bright], it))).collect()
+}
+
+/// By pair of a bit and its inverse the levels of pixels in both, and white and black together.
+fn rows_of_pairs(
+    code: &StripeCode,
+    pictures: &[ImageView<'_>],
+    places: &[Option<usize>],
+    lit: &[(usize, u8, u8)],
+) -> Vec<([usize; 2], Vec<[f64; 3]>)> {
     if code.inverse == Inverse::None {
         return Vec::new();
     }
@@ -204,7 +234,7 @@ pub(super) fn factors_of_pairs(
                 rows.push([a, b, sum]);
             }
         }
-        found.extend(fit(&rows).map(|factors| ([bit, inverse], factors)));
+        found.push(([bit, inverse], rows));
     }
     found
 }
@@ -215,8 +245,7 @@ fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
         return None;
     }
     // A bit that is dark all over the picture says nothing: what light there is in it comes from where the projector shows it bright.
-    let n_bright = rows.iter().filter(|it| it[0] > it[1]).count();
-    if n_bright.min(rows.len() - n_bright) < MIN_SAMPLES / 4 {
+    if is_of_one_side(rows) {
         return None;
     }
     let mut kept = vec![true; rows.len()];
@@ -236,6 +265,26 @@ fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
     let fits = rows.iter().filter(is_off).count() as f64 <= MOST_OFF * rows.len() as f64;
     let factors = inverses.map(f64::recip);
     (is_known && fits && factors.iter().all(|it| RANGE.contains(it))).then_some(factors)
+}
+
+/// Whether one picture of a pair is bright nearly everywhere.
+fn is_of_one_side(rows: &[[f64; 3]]) -> bool {
+    let n_bright = rows.iter().filter(|it| it[0] > it[1]).count();
+    n_bright.min(rows.len() - n_bright) < MIN_SAMPLES / 4
+}
+
+/// Which of a pair is bright nearly everywhere, and how many times too bright it is.
+fn fit_one(rows: &[[f64; 3]]) -> Option<(usize, f64)> {
+    if rows.len() < MIN_SAMPLES || !is_of_one_side(rows) {
+        return None;
+    }
+    let bright = usize::from(2 * rows.iter().filter(|it| it[0] > it[1]).count() < rows.len());
+    let mut ratios: Vec<f64> = rows.iter().map(|it| it[bright] / (it[2] - it[1 - bright]).max(1.0)).collect();
+    ratios.sort_by(f64::total_cmp);
+    let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64) as usize];
+    let (factor, spread) = (at(0.5), at(0.84) - at(0.16));
+    // Another exposure is alike everywhere.
+    (RANGE.contains(&factor) && spread <= SAME_EVERYWHERE * factor).then_some((bright, factor))
 }
 
 /// x and y of x a + y b = sum, with their standard deviations.

@@ -38,6 +38,10 @@ const WEAKER: f64 = 0.7;
 const NOTHING: f64 = 0.15;
 /// A bit that changes more often than this from one pixel to the next is too fine, whatever its contrast [1/px].
 const TOO_OFTEN: f64 = 0.9;
+/// Periods of phase steps are resolved from so many pixels on: by sampling [px].
+const LEAST_PERIOD: f64 = 2.0;
+/// Changes in all over those that are seen between two pixels that are certain: rendered cameras that saw periods of 1.5, 1.8, 2.4 and 3 px seemed to see 2.2, 2.5, 3.4 and 4 [–].
+const MISSED: f64 = 1.45;
 /// One that changes more often than this may be too fine here and there.
 const NARROW: f64 = 0.5;
 /// Bits that change as often as this are well resolved and tell how often finer ones do [1/px]; the next coarser one changes half as often, but for this factor [–].
@@ -69,12 +73,7 @@ impl TooFine {
             return nothing;
         }
         let views: Vec<&[u8]> = pictures.iter().map(|it| it.pixels()).collect();
-        let bits: [Vec<Vec<usize>>; 2] = Axis::BOTH.map(|axis| {
-            let n = if code.has(axis) { code.bits[axis.index()] } else { 0 };
-            let is_of =
-                |it: &Shown, at: u32| matches!(it, Shown::Bit { axis: of, plane, .. } if *of == axis && *plane == at);
-            (0..n).map(|at| (0..shown.len()).filter(|it| is_of(&shown[*it], at)).collect()).collect()
-        });
+        let bits = bits_of(code, &shown);
         let columns = width.div_ceil(BLOCK).max(1);
         let mut blocks = vec![None; columns * height.div_ceil(BLOCK)];
         let all = all_samples(&views, width, height, min_contrast);
@@ -161,6 +160,36 @@ impl TooFine {
         let all = self.blocks.iter().flatten();
         all.clone().filter(|it| it[axis.index()] > 0).count() as f64 / all.count().max(1) as f64
     }
+}
+
+/// By axis how wide a period of the phase steps is in the picture, where its stripes are narrower than the camera resolves [px]; `pictures` are as many as `code` has.
+pub fn unresolved_periods(code: &StripeCode, pictures: &[ImageView<'_>], min_contrast: u8) -> [Option<f64>; 2] {
+    let shown = code.pictures();
+    let Some(first) = pictures.first().filter(|_| code.steps > 0 && pictures.len() == shown.len()) else {
+        return [None; 2];
+    };
+    let (width, height) = first.size();
+    if pictures.iter().any(|it| it.size() != (width, height)) {
+        return [None; 2];
+    }
+    let views: Vec<&[u8]> = pictures.iter().map(|it| it.pixels()).collect();
+    let bits = bits_of(code, &shown);
+    let everywhere = all_samples(&views, width, height, min_contrast).concat();
+    // The finest bit changes once a period.
+    [0, 1].map(|axis| {
+        let often = how_often(&bits[axis], &views, &everywhere, width)?;
+        Some(1.0 / (MISSED * often)).filter(|it| *it < LEAST_PERIOD)
+    })
+}
+
+/// By axis and bit the places of its pictures.
+fn bits_of(code: &StripeCode, shown: &[Shown]) -> [Vec<Vec<usize>>; 2] {
+    Axis::BOTH.map(|axis| {
+        let n = if code.has(axis) { code.bits[axis.index()] } else { 0 };
+        let is_of =
+            |it: &Shown, at: u32| matches!(it, Shown::Bit { axis: of, plane, .. } if *of == axis && *plane == at);
+        (0..n).map(|at| (0..shown.len()).filter(|it| is_of(&shown[*it], at)).collect()).collect()
+    })
 }
 
 /// By block pixels that are lit: where, and darkest plus brightest, and the difference.
@@ -302,6 +331,27 @@ mod tests {
         // Six and three projector pixels to a camera pixel.
         let fine = Scene { projector: |x, y| [20.0 + 6.3 * x, 12.0 + 3.1 * y], ..wall(2) };
         assert_eq!(found(&fine, &StripeCode::gray([1024, 512]), |_| ()).at(40, 40), [2, 1]);
+    }
+
+    #[test]
+    fn periods_that_the_camera_does_not_resolve_are_told() {
+        // Projector pixels to a camera pixel, of columns and rows, and periods in the picture.
+        let scales: [(fn(f64, f64) -> [f64; 2], [Option<f64>; 2]); 3] = [
+            (|x, y| [20.0 + 9.8 * x, 12.0 + 3.1 * y], [Some(16.0 / 9.8), None]),
+            (|x, y| [20.0 + 6.2 * x, 12.0 + 10.5 * y], [None, Some(16.0 / 10.5)]),
+            (|x, y| [20.0 + 2.0 * x, 12.0 + 2.0 * y], [None, None]),
+        ];
+        let code = StripeCode::phase([2048, 1536], 4, 16);
+        for (projector, expected) in scales {
+            let scene = Scene { projector, shadow: |_, _| false, ..wall(2) };
+            let pictures = scene.pictures(&code);
+            let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
+            for (found, expected) in unresolved_periods(&code, &views, 12).into_iter().zip(expected) {
+                assert_eq!(found.is_some(), expected.is_some(), "{found:?} for {expected:?}");
+                let off = found.unwrap_or(0.0) - expected.unwrap_or(0.0);
+                assert!(off.abs() < 0.4, "{found:?} for {expected:?}");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! and where other surfaces send light.
 
 use super::code::{Axis, Inverse, Shown, StripeCode};
+use super::exposure;
 use crate::ImageView;
 
 /// Pixels that are looked at.
@@ -60,28 +61,60 @@ pub fn exponent(code: &StripeCode, pictures: &[ImageView<'_>]) -> Option<f64> {
         let least = BETWEEN * f64::from(white[at] - black[at]);
         f64::from(pair[0][at].min(pair[1][at])) > f64::from(black[at]) + least
     };
-    let all = some.iter().flat_map(|at| pairs.iter().map(move |pair| (*at, pair)));
-    let between: Vec<(usize, &[&[u8]; 2])> = all.filter(|it| is_between(it.0, it.1)).collect();
+    let all = some.iter().flat_map(|at| (0..pairs.len()).map(move |pair| (*at, pair)));
+    let between: Vec<(usize, usize)> = all.filter(|it| is_between(it.0, &pairs[it.1])).collect();
     let between: Vec<_> = between.iter().step_by(between.len().div_ceil(PAIRS).max(1)).collect();
     if between.len() < LEAST_PAIRS {
         return None;
     }
     let mut off: Vec<f32> = Vec::with_capacity(between.len());
-    let mut median_off = |exponent: f64| -> f32 {
+    // Light goes with a power of the level, and so does an exposure.
+    let mut median_off = |exponent: f64, exposures: &[[f64; 2]]| -> f32 {
         let light: Vec<f32> = (0..256).map(|it| (f64::from(it) / 255.0).powf(exponent) as f32).collect();
+        let times: Vec<[f32; 2]> = exposures.iter().map(|it| it.map(|it| it.powf(-exponent) as f32)).collect();
         let of = |pixels: &[u8], at: usize| light[usize::from(pixels[at])];
         off.clear();
-        for (at, [bit, inverse]) in between.iter().copied() {
+        for (at, pair) in between.iter().copied() {
+            let ([bit, inverse], [a, b]) = (pairs[*pair], times[*pair]);
             let both = of(white, *at) + of(black, *at);
-            off.push(((of(bit, *at) + of(inverse, *at)) / both - 1.0).abs());
+            off.push(((a * of(bit, *at) + b * of(inverse, *at)) / both - 1.0).abs());
         }
         let middle = off.len() / 2;
         *off.select_nth_unstable_by(middle, f32::total_cmp).1
     };
-    let as_they_are = median_off(1.0);
-    let tried = (1..=STEPS).map(|it| 1.0 + it as f64 * STEP).map(|it| (it, median_off(it)));
-    let (best, off) = tried.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let mut best_of = |exposures: &[[f64; 2]]| {
+        let tried = (0..=STEPS).map(|it| 1.0 + it as f64 * STEP).map(|it| (it, median_off(it, exposures)));
+        tried.collect::<Vec<_>>()
+    };
+    let least = |of: &[(f64, f32)]| of.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((1.0, 0.0));
+    let mut tried = best_of(&vec![[1.0; 2]; pairs.len()]);
+    if f64::from(tried[0].1) > LEAST_OFF {
+        // Where pictures have exposures of their own that explain it as well, a response that is the same for all does not.
+        let by_exposure = best_of(&exposures(code, pictures, &lit_levels(&some, white, black)));
+        if by_exposure[0].1 <= least(&tried).1 {
+            tried = by_exposure;
+        }
+    }
+    let (as_they_are, (best, off)) = (tried[0].1, least(&tried));
     (f64::from(as_they_are) > LEAST_OFF && f64::from(off) < BETTER * f64::from(as_they_are)).then_some(best)
+}
+
+/// By bit, how many times as bright as they should be its picture and its inverse are beside white and black: once where that is not known.
+fn exposures(code: &StripeCode, pictures: &[ImageView<'_>], lit: &[(usize, u8, u8)]) -> Vec<[f64; 2]> {
+    let places: Vec<Option<usize>> = (0..pictures.len()).map(Some).collect();
+    let known = exposure::factors_of_pairs(code, pictures, &places, lit);
+    let all = Axis::BOTH.into_iter().flat_map(|axis| (0..code.bits[axis.index()]).map(move |plane| (axis, plane)));
+    let factors = all.filter_map(|(axis, plane)| {
+        let [bit, inverse] = [false, true].map(|inverse| code.place(Shown::Bit { axis, plane, inverse }));
+        let of_pair = [bit?, inverse?];
+        Some(known.iter().find(|it| it.0 == of_pair).map_or([1.0; 2], |it| it.1))
+    });
+    factors.collect()
+}
+
+/// Pixels with their levels in black and white.
+fn lit_levels(some: &[usize], white: &[u8], black: &[u8]) -> Vec<(usize, u8, u8)> {
+    some.iter().map(|it| (*it, black[*it], white[*it])).collect()
 }
 
 /// A picture with levels proportional to light; the brightest level stays.
@@ -129,6 +162,19 @@ mod tests {
                 let found = found(&code, &scene.pictures(&code)).unwrap_or(1.0);
                 assert!((found - truth).abs() < 0.25, "seed {seed}, noise {noise}: {found} for {truth}");
             }
+        }
+    }
+
+    #[test]
+    fn exposures_that_follow_the_mean_of_each_picture_are_no_curved_response() {
+        for seed in 1..=3 {
+            let (code, mut pictures) = pictures(1.0, seed);
+            let means: Vec<f64> = pictures.iter().map(|it| it.iter().map(|it| f64::from(*it)).sum::<f64>()).collect();
+            for (picture, mean) in pictures.iter_mut().zip(&means) {
+                let gain = 0.8 / (0.4 + 0.6 * mean / means[0]);
+                picture.iter_mut().for_each(|it| *it = (f64::from(*it) * gain).round().min(255.0) as u8);
+            }
+            assert_eq!(found(&code, &pictures), None, "seed {seed}");
         }
     }
 

@@ -3,10 +3,10 @@
 use std::borrow::Cow;
 
 use foveate::imaging::ImageView;
-use foveate::imaging::stripes::code::{Axis, Shown};
+use foveate::imaging::stripes::code::{Axis, Group, Shown};
 use foveate::imaging::stripes::drift::drift;
 use foveate::imaging::stripes::ends::leave_out_soft_ends;
-use foveate::imaging::stripes::finest::TooFine;
+use foveate::imaging::stripes::finest::{TooFine, unresolved_periods};
 use foveate::imaging::stripes::gray::DecodeOptions;
 use foveate::imaging::stripes::ordering::leave_out_backwards;
 use foveate::imaging::stripes::steady::Steadied;
@@ -18,7 +18,7 @@ use super::creep::{crept, has_moved};
 use super::levels::coarser;
 use super::words::{
     backwards_in_words, crept_in_words, exchanged_in_words, lacking_finest_in_words, moved_a_little_in_words,
-    out_of_focus_in_words, soft_in_words, steps_in_words, too_fine_in_words,
+    out_of_focus_in_words, soft_in_words, steps_in_words, too_fine_in_words, unresolved_in_words,
 };
 use crate::moved::Blocks;
 
@@ -74,7 +74,17 @@ impl Decoder {
         // What nobody resolves is no part of the set: it would look like pictures that lack.
         let whole = TooFine::of(&code, &views, self.settings.min_contrast);
         let (told, told_code) = (code.pictures(), code.clone());
-        let code = code.without_finest(whole.overall());
+        let unresolved = unresolved_periods(&code, &views, self.settings.min_contrast);
+        let is_resolved = |it: &Group| !matches!(it, Group::Stripes(axis) if unresolved[axis.index()].is_some());
+        let coarse: Vec<String> = Axis::BOTH
+            .into_iter()
+            .filter_map(|axis| Some(unresolved_in_words(axis, unresolved[axis.index()]?, code.period)))
+            .collect();
+        let mut code = code.without_finest(whole.overall());
+        code.order.retain(is_resolved);
+        if !Axis::BOTH.into_iter().any(|it| code.has(it)) {
+            return Err(coarse);
+        }
         let left = code.pictures();
         let is_left = |it: usize| told.len() != views.len() || left.contains(&told[it]);
         let kept: Vec<usize> = (0..views.len()).filter(|it| is_left(*it)).collect();
@@ -107,7 +117,8 @@ impl Decoder {
             let name = kept.get(it).and_then(|it| set.names.get(*it));
             name.map_or_else(|| format!("picture {it}"), |it| format!("`{it}`"))
         };
-        let mut faults: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &name)).collect();
+        let mut faults = coarse;
+        faults.extend(found.faults.iter().map(|it| it.describe(&code, &name)));
         if let Some(exponent) = exponent {
             faults.push(format!(
                 "gray levels are not proportional to light: the camera's response is curved, and was straightened by the exponent {exponent:.2}"

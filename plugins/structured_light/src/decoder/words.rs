@@ -121,6 +121,15 @@ pub(super) fn soft_in_words(axis: Axis, sigma: f64, of_stripes: Option<f64>) -> 
     })
 }
 
+/// What is said of phase steps whose period is so many pixels wide in the picture, and `period` in the projector's.
+pub(super) fn unresolved_in_words(axis: Axis, px: f64, period: u32) -> String {
+    format!(
+        "a period of the waves of the {axis} is {px:.1} px wide in the picture, expected 2 or more: the camera does not resolve their stripes, and the {axis} are left out. A period longer than {period} px of the projector, or a camera \
+         that is closer or has more pixels, would show them",
+        axis = axis.in_words()
+    )
+}
+
 /// What is said of two phase steps that are exchanged.
 pub(super) fn exchanged_in_words(axis: Axis, [a, b]: [u32; 2]) -> String {
     format!(

@@ -128,14 +128,18 @@ impl SetFault {
             ),
             SetFault::Uneven { pictures } => {
                 const NAMED: usize = 6;
+                // Of a camera that sets its exposure by itself, white is another one, and pictures whose stripes light more of the scene or less.
+                const BY_ITSELF: usize = 3;
                 let one = |it: &(usize, f64)| format!("{} is {:.2}", name(it.0), it.1);
                 let list: Vec<String> = pictures.iter().take(NAMED).map(one).collect();
                 let more = match pictures.len().saturating_sub(NAMED) {
                     0 => String::new(),
                     n => format!(", and {n} more are of another exposure"),
                 };
+                let why =
+                    if pictures.len() >= BY_ITSELF { "; does the camera set its exposure by itself?" } else { "" };
                 format!(
-                    "{} times as bright as most pictures{more}, expected one exposure and one light for the whole set: they are evened out by calculation",
+                    "{} times as bright as most pictures{more}, expected one exposure and one light for the whole set: they are evened out by calculation{why}",
                     list.join(", ")
                 )
             }
