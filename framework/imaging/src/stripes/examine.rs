@@ -171,21 +171,21 @@ fn positives_examined(
         return as_they_are();
     }
     let (mut judged, lit) = look(code, &views, absent, min_contrast);
-    // Pairs tell lights and exposures better, where all of them are there.
+    // Pairs tell lights and exposures better, where all of them are there and nothing else comes of it.
     if is_whole {
         let settled = settled(code, pictures, absent, min_contrast, judged.clone(), &lit);
-        if settled.is_evened() && settled.soundness(code) >= judged.soundness(code) {
+        if settled.is_evened() && settled.accuses_no_more_than(&judged) {
             return settled;
         }
     }
     drop(views);
     judged.faults.splice(0..0, levelled.faults);
     judged.relit = levelled.pictures;
-    if Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == judged.usable(code).len() {
+    if judged.n_accused() == 0 {
         return judged;
     }
     let as_they_are = as_they_are();
-    if as_they_are.soundness(code) >= judged.soundness(code) { as_they_are } else { judged }
+    if as_they_are.soundness(code) > judged.soundness(code) { as_they_are } else { judged }
 }
 
 /// What is found of a set once pairs tell its light and exposures; `found` is what was found without, and `lit` the pixels that the projector lights.
@@ -593,12 +593,25 @@ fn by_white(
 }
 
 impl Examination {
-    /// How many axes can be decoded, and how much is wrong with pictures beside their light: of two sets the sounder one has more.
-    fn soundness(&self, code: &StripeCode) -> (usize, Reverse<usize>) {
-        (self.usable(code).len(), Reverse(self.n_accused()))
+    /// Whether anything can be decoded, how little is wrong with pictures beside their light, and how many axes can be decoded: of two sets the sounder one has more.
+    fn soundness(&self, code: &StripeCode) -> (bool, Reverse<usize>, usize) {
+        let usable = self.usable(code).len();
+        (usable > 0, Reverse(self.n_accused()), usable)
+    }
+
+    /// Whether all that is wrong with its pictures beside their light is wrong with those of another one, too.
+    fn accuses_no_more_than(&self, other: &Examination) -> bool {
+        let kinds = |of: &Examination| of.accused().map(std::mem::discriminant).collect::<Vec<_>>();
+        let others = kinds(other);
+        self.n_accused() <= other.n_accused() && kinds(self).iter().all(|it| others.contains(it))
     }
 
     fn n_accused(&self) -> usize {
+        self.accused().count()
+    }
+
+    /// What is wrong with pictures beside their light.
+    fn accused(&self) -> impl Iterator<Item = &SetFault> {
         let is_light = |it: &SetFault| {
             matches!(
                 it,
@@ -611,7 +624,7 @@ impl Examination {
                     | SetFault::Unsteady { .. }
             )
         };
-        self.faults.iter().filter(|it| !is_light(it)).count()
+        self.faults.iter().filter(move |it| !is_light(it))
     }
 
     /// Whether its pictures were brought into one light or one exposure.

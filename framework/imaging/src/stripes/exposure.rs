@@ -402,6 +402,33 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_that_is_bright_everywhere_tells_its_exposure_and_its_opposite_none() {
+        // White and black together of pixels, and a bit that is white everywhere.
+        let rows = |factor: f64, uneven: f64| -> Vec<[f64; 3]> {
+            let pixel = |it: usize| {
+                let (white, black) = (60.0 + (it % 97) as f64, 8.0 + (it % 7) as f64);
+                [factor * (white + uneven * (it % 3) as f64), black, white + black]
+            };
+            (0..1000).map(pixel).collect()
+        };
+        for factor in [0.7, 1.0, 1.3] {
+            let (bright, found) = fit_one(&rows(factor, 0.0)).unwrap();
+            assert!(bright == 0 && (found - factor).abs() < 0.01, "{found} for {factor}");
+            let swapped: Vec<[f64; 3]> = rows(factor, 0.0).into_iter().map(|[a, b, sum]| [b, a, sum]).collect();
+            assert_eq!(fit_one(&swapped), Some((1, found)));
+            assert_eq!(fit(&rows(factor, 0.0)), None);
+        }
+        // What is not alike everywhere is no exposure; stripes tell both.
+        assert_eq!(fit_one(&rows(1.0, 30.0)), None);
+        let stripes: Vec<[f64; 3]> = rows(1.0, 0.0)
+            .into_iter()
+            .enumerate()
+            .map(|(at, [a, b, sum])| if at % 2 == 0 { [a, b, sum] } else { [b, a, sum] })
+            .collect();
+        assert_eq!(fit_one(&stripes), None);
+    }
+
+    #[test]
     fn evened_pictures_keep_what_is_saturated() {
         assert_eq!(evened(&[0, 70, 140, 255], 0.7), [0, 100, 200, 255]);
     }

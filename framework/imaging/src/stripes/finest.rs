@@ -175,11 +175,9 @@ pub fn unresolved_periods(code: &StripeCode, pictures: &[ImageView<'_>], min_con
     let views: Vec<&[u8]> = pictures.iter().map(|it| it.pixels()).collect();
     let bits = bits_of(code, &shown);
     let everywhere = all_samples(&views, width, height, min_contrast).concat();
-    // The finest bit changes once a period.
-    [0, 1].map(|axis| {
-        let often = how_often(&bits[axis], &views, &everywhere, width)?;
-        Some(1.0 / (MISSED * often)).filter(|it| *it < LEAST_PERIOD)
-    })
+    // The finest bit changes once a period. Where too little tells it of an axis, it is taken to be as with the other.
+    let periods = [0, 1].map(|axis| Some(1.0 / (MISSED * how_often(&bits[axis], &views, &everywhere, width)?)));
+    [periods[0].or(periods[1]), periods[1].or(periods[0])].map(|it| it.filter(|it| *it < LEAST_PERIOD))
 }
 
 /// By axis and bit the places of its pictures.
@@ -335,8 +333,9 @@ mod tests {
 
     #[test]
     fn periods_that_the_camera_does_not_resolve_are_told() {
+        type Projected = fn(f64, f64) -> [f64; 2];
         // Projector pixels to a camera pixel, of columns and rows, and periods in the picture.
-        let scales: [(fn(f64, f64) -> [f64; 2], [Option<f64>; 2]); 3] = [
+        let scales: [(Projected, [Option<f64>; 2]); 3] = [
             (|x, y| [20.0 + 9.8 * x, 12.0 + 3.1 * y], [Some(16.0 / 9.8), None]),
             (|x, y| [20.0 + 6.2 * x, 12.0 + 10.5 * y], [None, Some(16.0 / 10.5)]),
             (|x, y| [20.0 + 2.0 * x, 12.0 + 2.0 * y], [None, None]),

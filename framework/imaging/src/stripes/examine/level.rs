@@ -38,6 +38,8 @@ const LIGHT_ALONE: f64 = 0.35;
 /// Lights that differ by less than this [gray levels], and gains by less than this [–], are alike.
 const LIGHT: f64 = 2.0;
 const GAIN: f64 = 0.05;
+/// A light of the room that differs by more than this, half of what a picture shows at all, is none [gray levels].
+const MOST_LIGHT: f64 = 128.0;
 /// Of lights by picture and band, what is said is the highest but for the rest [–].
 const NEARLY_ALL: f64 = 0.95;
 /// Lights or gains are what differs where they leave no more than this part of what pixels are off without them [–]; both together are, where they leave less than this part of what one of them does.
@@ -119,7 +121,9 @@ pub(super) fn levelled(pictures: &[ImageView<'_>], present: &[usize], noise: f64
         return None;
     }
     let faults = best.faults(present);
-    if faults.is_empty() {
+    // More light than is there says that stripes were taken for it.
+    let is_too_much = |it: &SetFault| matches!(it, SetFault::Unsteady { by } if *by > MOST_LIGHT);
+    if faults.is_empty() || faults.iter().any(is_too_much) {
         return None;
     }
     let mut evened: Vec<(usize, Vec<u8>)> = present.iter().map(|it| (*it, pictures[*it].pixels().to_vec())).collect();
@@ -174,7 +178,7 @@ impl Fit {
             for picture in 0..n {
                 fit.off += fit.find_picture(picture, rows, bands, &known, noise) / n as f64;
             }
-            fit.to_middle();
+            fit.centre();
             fit.smooth(REACH.get(round).copied().unwrap_or(0));
         }
         let mut over_dark: Vec<f64> =
@@ -310,7 +314,7 @@ impl Fit {
     }
 
     /// Gains and lights over those of the middle picture.
-    fn to_middle(&mut self) {
+    fn centre(&mut self) {
         let middle = |mut all: Vec<f64>| {
             all.sort_by(f64::total_cmp);
             all[all.len() / 2]
