@@ -167,25 +167,27 @@ fn positives_examined(
     let Some(levelled) = level::levelled(pictures, &present, found.noise, code.steps > 0) else { return as_they_are() };
     let Some(views) = light::replaced(pictures, &levelled.pictures) else { return as_they_are() };
     let is_whole = pictures.len() == code.pictures().len();
-    if is_whole && broken(&views).n_accused() > found.n_accused() {
+    let n_left = broken(&views).n_accused();
+    if is_whole && n_left > found.n_accused() {
         return as_they_are();
     }
     let (mut judged, lit) = look(code, &views, absent, min_contrast);
     // Pairs tell lights and exposures better, where all of them are there and nothing else comes of it.
-    if is_whole {
-        let settled = settled(code, pictures, absent, min_contrast, judged.clone(), &lit);
-        if settled.is_evened() && settled.accuses_no_more_than(&judged) {
-            return settled;
-        }
-    }
+    let settled = is_whole.then(|| settled(code, pictures, absent, min_contrast, judged.clone(), &lit));
+    let settled = settled.filter(|it| it.is_evened() && it.accuses_no_more_than(&judged));
     drop(views);
-    judged.faults.splice(0..0, levelled.faults);
-    judged.relit = levelled.pictures;
-    if judged.n_accused() == 0 {
-        return judged;
+    let levelled = settled.unwrap_or_else(|| {
+        judged.faults.splice(0..0, levelled.faults);
+        judged.relit = levelled.pictures;
+        judged
+    });
+    // Of a set with all its pictures fewer broken rules say that it is so; with others, that all of it can be decoded.
+    let is_whole_of_it = || Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == levelled.usable(code).len();
+    if levelled.n_accused() == 0 || if is_whole { n_left < found.n_accused() } else { is_whole_of_it() } {
+        return levelled;
     }
     let as_they_are = as_they_are();
-    if as_they_are.soundness(code) > judged.soundness(code) { as_they_are } else { judged }
+    if as_they_are.soundness(code) >= levelled.soundness(code) { as_they_are } else { levelled }
 }
 
 /// What is found of a set once pairs tell its light and exposures; `found` is what was found without, and `lit` the pixels that the projector lights.
