@@ -181,12 +181,18 @@ fn positives_examined(
         judged.relit = levelled.pictures;
         judged
     });
-    // Of a set with all its pictures fewer broken rules say that it is so; with others, that all of it can be decoded.
-    let is_whole_of_it = || Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == levelled.usable(code).len();
-    if levelled.n_accused() == 0 || if is_whole { n_left < found.n_accused() } else { is_whole_of_it() } {
+    // Of a set with all its pictures fewer broken rules say that it is so; with others, that all of it can be decoded. Lights of phase steps are known less well: with anything else wrong they are not relied on.
+    let is_better = match is_whole {
+        true => n_left < found.n_accused(),
+        false => Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == levelled.usable(code).len(),
+    };
+    if levelled.n_accused() == 0 || is_better && code.steps == 0 {
         return levelled;
     }
     let as_they_are = as_they_are();
+    if code.steps > 0 {
+        return as_they_are;
+    }
     if as_they_are.soundness(code) >= levelled.soundness(code) { as_they_are } else { levelled }
 }
 
