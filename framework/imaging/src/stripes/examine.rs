@@ -151,7 +151,7 @@ fn positives_examined(
     };
     let broken = |pictures: &[ImageView<'_>]| at_first_sight(code, pictures, absent, min_contrast, Asked::Rules).0;
     let found = broken(pictures);
-    // What differs in light and exposure looks like other stripes.
+    // A light that differs looks like other stripes.
     if code.inverse == Inverse::None || found.n_accused() == 0 {
         return as_they_are();
     }
@@ -163,10 +163,17 @@ fn positives_examined(
             return found;
         }
     }
-    let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
-    let Some(levelled) = level::levelled(pictures, &present, found.noise, code.steps > 0) else { return as_they_are() };
-    let Some(views) = light::replaced(pictures, &levelled.pictures) else { return as_they_are() };
     let is_whole = pictures.len() == code.pictures().len();
+    let is_all_usable = |it: &Examination| Axis::BOTH.into_iter().filter(|it| code.has(*it)).eq(it.usable(code));
+    // With pictures that lack or are too many only why that is so says anything.
+    let unlevelled = (!is_whole).then(as_they_are);
+    if let Some(it) = unlevelled.as_ref().filter(|it| is_all_usable(it)) {
+        return it.clone();
+    }
+    let as_they_are = || unlevelled.unwrap_or_else(as_they_are);
+    let present: Vec<usize> = (0..pictures.len()).filter(|it| !absent.contains(it)).collect();
+    let Some(levelled) = level::levelled(pictures, &present, found.noise) else { return as_they_are() };
+    let Some(views) = light::replaced(pictures, &levelled.pictures) else { return as_they_are() };
     let n_left = broken(&views).n_accused();
     if is_whole && n_left > found.n_accused() {
         return as_they_are();
@@ -177,15 +184,12 @@ fn positives_examined(
     let settled = settled.filter(|it| it.is_evened() && it.accuses_no_more_than(&judged));
     drop(views);
     let levelled = settled.unwrap_or_else(|| {
-        judged.faults.splice(0..0, levelled.faults);
+        judged.faults.insert(0, levelled.fault);
         judged.relit = levelled.pictures;
         judged
     });
     // Of a set with all its pictures fewer broken rules say that it is so; with others, that all of it can be decoded. Lights of phase steps are known less well: with anything else wrong they are not relied on.
-    let is_better = match is_whole {
-        true => n_left < found.n_accused(),
-        false => Axis::BOTH.into_iter().filter(|it| code.has(*it)).count() == levelled.usable(code).len(),
-    };
+    let is_better = if is_whole { n_left < found.n_accused() } else { is_all_usable(&levelled) };
     if levelled.n_accused() == 0 || is_better && code.steps == 0 {
         return levelled;
     }
