@@ -239,8 +239,8 @@ fn rows_of_pairs(
     found
 }
 
-/// How many times too bright the two of a pair are; `None` where they do not say it, or are no pair.
-fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
+/// How many times too bright the two of a pair are, by the levels of pixels in both and by white and black together; `None` where they do not say it, or are no pair.
+pub(super) fn fit(rows: &[[f64; 3]]) -> Option<[f64; 2]> {
     if rows.len() < MIN_SAMPLES {
         return None;
     }
