@@ -32,7 +32,7 @@ const BETTER: f64 = 0.6;
 /// … or than this where pictures have exposures of their own, which take up some of a curve [–].
 const BETTER_BESIDE_EXPOSURES: f64 = 0.8;
 /// Pictures have exposures of their own where these leave less than this part of what an exponent alone does [–].
-const AS_WELL: f64 = 0.85;
+const BESIDE: f64 = 0.85;
 /// Pixels that tell such exposures, under each exponent.
 const FEW: usize = 2000;
 
@@ -97,7 +97,9 @@ pub fn exponent(code: &StripeCode, pictures: &[ImageView<'_>]) -> Option<f64> {
     let few: Vec<usize> = some.iter().copied().step_by(some.len().div_ceil(FEW).max(1)).collect();
     let of = |exponent| (exponent, median_off(exponent, &exposures(&pairs, [white, black], &few, exponent)));
     let by_exposure: Vec<_> = exponents.map(of).collect();
-    let has_exposures = f64::from(least(&by_exposure).1) < AS_WELL * f64::from(least(&tried).1);
+    // They explain as much by themselves as an exponent does, or more beside one.
+    let has_exposures =
+        by_exposure[0].1 <= least(&tried).1 || f64::from(least(&by_exposure).1) < BESIDE * f64::from(least(&tried).1);
     let (tried, better) = if has_exposures { (by_exposure, BETTER_BESIDE_EXPOSURES) } else { (tried, BETTER) };
     let (as_they_are, (best, off)) = (tried[0].1, least(&tried));
     (f64::from(off) < better * f64::from(as_they_are)).then_some(best)
