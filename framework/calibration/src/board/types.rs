@@ -188,7 +188,7 @@ pub struct BoardSolution {
 pub struct Stretch {
     /// By how much its rows are longer than they should be beside its columns; below 0, shorter [–].
     pub by: f64,
-    /// Root mean square distances of the marks in use: as the board is said to be, and with rows that are so long [px].
+    /// Root mean square distances of the marks in use: as the board is said to be, and with rows that are so long, with pixels of the shape that was given [px].
     pub rms_px: [f64; 2],
 }
 
