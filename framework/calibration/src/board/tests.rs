@@ -161,13 +161,22 @@ fn cameras_and_optics_are_found_from_nothing_and_are_as_good_as_is_stated() {
 fn a_board_that_is_printed_too_long_one_way_is_told_and_others_are_not() {
     let with_aspect = Freedom { aspect: true, ..ALL };
     for seed in 0..4 {
-        for (by, free) in [(0.0, ALL), (0.02, ALL), (-0.012, with_aspect), (0.0, with_aspect), (0.02, Freedom::POSE)] {
+        for (by, free) in [
+            (0.0, ALL),
+            (0.02, ALL),
+            (-0.012, with_aspect),
+            (0.04, with_aspect),
+            (0.0, with_aspect),
+            (0.02, Freedom::POSE),
+        ] {
             let mut scene = scene(2, 12, charuco(), 40 + seed);
             let said = scene.board.clone();
             scene.board = said.clone().with_longer_rows(by);
             let solution = solved(&scene.recording(free, seed), &said);
             match solution.stretch {
-                Some(it) => assert!(by != 0.0 && (it.by - by).abs() < 0.003, "seed {seed}, {by}: {it:?}"),
+                Some(it) => {
+                    assert!(by != 0.0 && (it.by - by).abs() < 0.003 + 0.2 * by.abs(), "seed {seed}, {by}: {it:?}")
+                }
                 None => assert_eq!(by, 0.0, "seed {seed}"),
             }
         }

@@ -336,12 +336,12 @@ impl BodyTracker {
         self.frame > 0 && is_hidden(Limb::LeftLeg) && is_hidden(Limb::RightLeg)
     }
 
-    /// How unlike a person this is [–].
-    fn doubt(&self) -> f64 {
+    /// How unlike a person this is, with limbs whose sizes are so unusual [–].
+    fn doubt(&self, unusual: f64) -> f64 {
         let lacks = (1.0 - self.support.covered[Part::Head.index()]).max(0.0);
         let skin = self.support.covered.iter().map(|it| it.min(1.0)).sum::<f64>() / N_PARTS as f64;
         (lacks / HEAD_LACKS).powi(2)
-            + (self.unusual_limbs() / LIMBS_UNUSUAL).powi(2)
+            + (unusual / LIMBS_UNUSUAL).powi(2)
             + ((1.0 - skin) / SKIN_LACKS).powi(2)
             + if self.upright() < UPRIGHT { (self.support.unexplained / LYING_REST).powi(4) } else { 0.0 }
     }

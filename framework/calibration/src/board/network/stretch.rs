@@ -19,8 +19,9 @@ use crate::solved::ObservationRole;
 const FRAMES: usize = 60;
 /// Steps from which the least cost is told [–].
 const STEP: f64 = 0.004;
-/// Times that it is told anew, from where it was.
-const ROUNDS: usize = 3;
+/// Times that it is told anew, from where it was, and how far from there at most [–].
+const ROUNDS: usize = 6;
+const FARTHEST: f64 = 0.01;
 /// What is less is no matter: paper swells by as much [–].
 const LEAST: f64 = 0.003;
 /// It is certain by so many standard deviations.
@@ -61,11 +62,11 @@ impl Room<'_> {
             let [less, here, more] = [by - STEP, by, by + STEP].map(|it| adjusted(it).map(|it| it.cost));
             let (less, here, more) = (less?, here?, more?);
             let curvature = (more + less - 2.0 * here) / STEP.powi(2);
-            let step = (less - more) / (2.0 * STEP * curvature);
-            if curvature.is_nan() || curvature <= 0.0 || step.is_nan() || (by + step).abs() > 0.5 {
-                return None;
-            }
-            (by, sigma) = (by + step, curvature.sqrt().recip());
+            let slope = (more - less) / (2.0 * STEP);
+            // Far from it what contradicts counts less, and the cost is no parabola.
+            let step = if curvature > 0.0 { -slope / curvature } else { -slope.signum() * FARTHEST };
+            by += step.clamp(-FARTHEST, FARTHEST);
+            sigma = curvature.max(0.0).sqrt().recip();
             if step.abs() < LEAST / 3.0 {
                 break;
             }

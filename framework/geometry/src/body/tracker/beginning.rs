@@ -24,6 +24,10 @@ const MOST_DOUBT: f64 = 1.4;
 /// have such heads, and limbs that are odder than so much doubt.
 const CLEAR_HEAD: f64 = 0.9;
 const CLEAR_DOUBT: f64 = 4.0;
+/// Of somebody who stands and whose arms are like people's, so much of a head is enough, and legs may be odd: they are in a skirt [–].
+const CLOTHED_HEAD: f64 = 0.85;
+/// … with arms of which each is no less likely than of one person in eight [negative logarithm].
+const USUAL_ARM: f64 = 2.0;
 /// Where the volume cuts a body off, shoulders and chests below its end look like heads; of a head, so much is there, and so much where limbs are cut off too or are none [–]. Chosen on 40 people who are cut off at
 /// nine heights and seven places beside the head, in hulls of 4 and 8 views: of 84 heads that were none 83 have less, of 269 others 41, most of them heads that are cut themselves.
 const CUT_OFF: f64 = 0.75;
@@ -100,6 +104,17 @@ impl BodyTracker {
         }
     }
 
+    /// Whether all that is odd in somebody who stands, with so much of a head, are the legs, which do not show in a skirt.
+    fn is_in_skirt(&self, head: f64) -> bool {
+        let arms = [Limb::LeftArm, Limb::RightArm];
+        let is_usual = |it: &Limb| self.level(*it) != LimbLevel::Absent && self.unusual(*it) <= USUAL_ARM;
+        let of_arms = arms.map(|it| self.unusual(it)).iter().sum();
+        head >= CLOTHED_HEAD
+            && self.upright() >= UPRIGHT
+            && arms.iter().all(is_usual)
+            && self.doubt(of_arms) <= MOST_DOUBT
+    }
+
     /// Whether what was begun as a child is one: with a head, on straight legs.
     fn is_child(&self) -> bool {
         self.support.covered[Part::Head.index()] >= CHILD_HEAD && self.legs_upright() > CHILD_LEGS
@@ -129,6 +144,7 @@ impl BodyTracker {
             let expected = 2.0 * share(Part::Torso).z * it.stature;
             (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0
         });
+        let stands = standing.is_some();
         let proportions = standing.unwrap_or_else(|| options.proportions.clone());
         let body = body_of(&TrunkFound { length, ..trunk.clone() }, &proportions);
         let layout = Layout::new(|it| !it.is_limb());
@@ -177,8 +193,8 @@ impl BodyTracker {
             }
         }
         let head = tracker.support.covered[Part::Head.index()];
-        let doubt = tracker.doubt();
-        let is_unlike = doubt > MOST_DOUBT;
+        let doubt = tracker.doubt(tracker.unusual_limbs());
+        let is_unlike = doubt > MOST_DOUBT && !(stands && tracker.is_in_skirt(head));
         if field.is_cut_off() {
             let expected = if is_unlike { CUT_OFF_LIMBS } else { CUT_OFF };
             if head < expected {
@@ -234,3 +250,25 @@ const CHILD_HEAD: f64 = 0.85;
 
 /// A child may leave so much more of the skin to nobody than an adult who crouches [–].
 const CHILD_REST: f64 = 0.01;
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::drawn;
+    use super::*;
+
+    #[test]
+    fn odd_legs_are_those_of_somebody_in_a_skirt_and_odd_arms_of_nobody() {
+        let field = drawn::field(&drawn::somebody());
+        let tracker = drawn::followed(&field);
+        let thicker = |parts: [Part; 4], by: f64| {
+            let mut odd = tracker.clone();
+            parts.iter().for_each(|it| odd.filter.body.sizes[it.index()].x *= by);
+            [odd.doubt(odd.unusual_limbs()) > MOST_DOUBT, odd.is_in_skirt(0.9), odd.is_in_skirt(0.8)]
+        };
+        let legs = [Part::LeftThigh, Part::RightThigh, Part::LeftCalf, Part::RightCalf];
+        let arms = [Part::LeftUpperArm, Part::RightUpperArm, Part::LeftLowerArm, Part::RightLowerArm];
+        assert_eq!(thicker(legs, 1.0), [false, true, false]);
+        assert_eq!(thicker(legs, 2.5), [true, true, false]);
+        assert_eq!(thicker(arms, 2.5), [true, false, false]);
+    }
+}
