@@ -31,6 +31,8 @@ const ONE_SIGN: f64 = 0.97;
 const LEVELS: f64 = 5.0;
 const SIGMAS: f64 = 6.0;
 const OFF: f64 = 0.05;
+/// … and this part of the sum: pairs of packed pictures and of responses that are a little curved are off in proportion [–].
+const PART: f64 = 0.05;
 /// In a pixel that the projector lights the two of the middle one of all pairs differ by this part of what those of any pair do, at least [–].
 const STRIPED: f64 = 0.45;
 /// The difference of the two of a pair is what this part of all pairs do not exceed: of fine stripes less is seen, and a lamp that is on in one picture makes more [–].
@@ -154,11 +156,12 @@ fn steadied(
     // By pair and sample: how far the sum is off that of the middle pair, and how large the difference is, with its sign.
     let mut sums: Vec<Vec<f64>> =
         pairs.iter().map(|[a, b]| some.iter().map(|at| levels(*a, *at) + levels(*b, *at)).collect()).collect();
-    for it in 0..some.len() {
+    let mut middles = vec![0.0; some.len()];
+    for (it, middle) in middles.iter_mut().enumerate() {
         let mut all: Vec<f64> = sums.iter().map(|sum| sum[it]).collect();
         all.sort_by(f64::total_cmp);
-        let middle = 0.5 * (all[all.len() / 2] + all[(all.len() - 1) / 2]);
-        sums.iter_mut().for_each(|sum| sum[it] -= middle);
+        *middle = 0.5 * (all[all.len() / 2] + all[(all.len() - 1) / 2]);
+        sums.iter_mut().for_each(|sum| sum[it] -= *middle);
     }
     let differences: Vec<Vec<f64>> =
         pairs.iter().map(|[a, b]| some.iter().map(|at| levels(*a, *at) - levels(*b, *at)).collect()).collect();
@@ -177,7 +180,9 @@ fn steadied(
     // A light is nowhere dark; and it is all that sums differ by.
     let n_lit = light.iter().filter(|it| **it > 0.0).count() as f64 / light.len() as f64;
     let is_off = |(sum, share): (&Vec<f64>, &f64)| {
-        let off = sum.iter().zip(&light).filter(|it| (it.0 - share * it.1).abs() > LEVELS.max(SIGMAS * noise)).count();
+        let most = |middle: f64| LEVELS.max(SIGMAS * noise).max(PART * middle);
+        let off = sum.iter().zip(&light).zip(&middles);
+        let off = off.filter(|((sum, light), middle)| (*sum - share * *light).abs() > most(**middle)).count();
         off as f64 > OFF * some.len() as f64
     };
     let mut sorted = light.clone();
