@@ -219,6 +219,11 @@ impl People {
         self.followed.iter_mut().for_each(|it| it.tracker.hear_contested(contested));
     }
 
+    /// Says how many views carved the voxels, after a step.
+    pub fn hear_views(&mut self, n_views: usize) {
+        self.followed.iter_mut().for_each(|it| it.tracker.hear_views(n_views));
+    }
+
     /// Makes one body of two that are one: silhouettes that lost the head of somebody leave shoulders that look like two heads, and each half is somebody. Tried in the frames after they were found, ever more seldom;
     /// who was seen apart is somebody.
     fn join_halves(&mut self, cubes: &Cubes, owners: &mut Vec<Vec<usize>>) {

@@ -469,6 +469,7 @@ impl BodyTracker {
     pub fn shows(&self, part: Part) -> bool {
         self.filter.layout().has(part)
             && !self.is_contradicted()
+            && !self.is_of_few_views()
             && self.contradiction.lacks_of(part) <= self.options.levels.most_lacking[0]
             && self.is_supported(part)
             && self.support.covered[part.index()] >= self.options.levels.measured_covered

@@ -162,6 +162,8 @@ pub struct BodyTrackerNode {
     n_measured: u64,
     n_limbs: u64,
     n_contradicted: u64,
+    /// The same where too few views carved them.
+    n_few_views: u64,
     n_unmodelled: u64,
     /// Messages with nobody in them and something that is nearly large enough for a body, and the largest such thing [m³].
     n_small: u64,
@@ -222,6 +224,7 @@ impl Node for BodyTrackerNode {
             n_measured: 0,
             n_limbs: 0,
             n_contradicted: 0,
+            n_few_views: 0,
             n_unmodelled: 0,
             n_small: 0,
             largest_small: 0.0,
@@ -256,6 +259,10 @@ impl Node for BodyTrackerNode {
         let contested: Vec<_> = voxels.contested.iter().map(|it| (it.centroid, it.volume)).collect();
         self.people.hear_contested(&contested);
         let cameras = cameras_of(voxels);
+        // Voxels of other programs do not say by whom they were seen.
+        if !voxels.views.is_empty() {
+            self.people.hear_views(cameras.len());
+        }
         let list: Vec<Skeleton> = self.people.list().iter().map(|it| skeleton_of(it, &cameras)).collect();
         self.count(&list, voxels, time);
         let unmodelled: Vec<Unmodelled> = unmodelled
@@ -342,6 +349,12 @@ impl Node for BodyTrackerNode {
                 self.n_coarse, self.n_messages
             ));
         }
+        if self.n_few_views > 0 {
+            report.remark(format!(
+                "None of a body is called measured at {} of {} times: fewer than 3 views carved it, expected 4 or more, from all around. What two views have in common need not look like anybody.",
+                self.n_few_views, self.n_bodies
+            ));
+        }
         if 2 * self.n_small > self.n_messages {
             report.remark(format!(
                 "In {} of {} messages there was nobody, and the largest thing held {:.0} l at most, expected `least_l` = {:.0} l or more: for a child state a smaller one, and its `stature_m`.",
@@ -379,7 +392,9 @@ impl BodyTrackerNode {
     fn count(&mut self, list: &[Skeleton], voxels: &Voxels, time: Time) {
         self.n_messages += 1;
         self.n_bodies += list.len() as u64;
-        self.n_contradicted += self.people.list().iter().filter(|it| it.tracker.is_contradicted()).count() as u64;
+        let bodies = || self.people.list().iter().map(|it| &it.tracker);
+        self.n_contradicted += bodies().filter(|it| it.is_contradicted()).count() as u64;
+        self.n_few_views += bodies().filter(|it| it.is_of_few_views()).count() as u64;
         let least = self.people.options().tracker.acquisition.least_volume;
         if self.first_voxels.is_none() && voxels.volume() >= least {
             self.first_voxels = Some(time);

@@ -28,6 +28,11 @@ const HALF: f64 = 0.5;
 const TO_END: f64 = 0.85;
 const TO_END_OF_HEAD: f64 = 0.6;
 
+/// From fewer views no joint is measured: two cones have bodies in common that nobody has.
+const LEAST_VIEWS: usize = 3;
+/// Joints are so much vaguer an axis in hulls of so few views [m], two and three: of drawn people.
+const FEW_VIEWS_SIGMA: [(usize, f64); 2] = [(2, 0.15), (3, 0.04)];
+
 /// What is known of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Contradiction {
@@ -41,6 +46,8 @@ pub(super) struct Contradiction {
     lacking: f64,
     /// What the voxels hold [m³].
     volume: f64,
+    /// Views that carved them, where that is known.
+    n_views: Option<usize>,
     dt_s: f64,
 }
 
@@ -48,7 +55,9 @@ impl Contradiction {
     /// How much vaguer joints are an axis [m].
     pub(super) fn sigma(&self) -> f64 {
         let contested = (CONTESTED_SIGMA * self.share).max(AT_HEAD_SIGMA * self.at_head).min(MOST_SIGMA);
-        contested.hypot(LACKING_SIGMA * (self.lacking - LACKING_WELL).max(0.0))
+        let of_views = |it: &&(usize, f64)| self.n_views.is_some_and(|views| views <= it.0);
+        let few = FEW_VIEWS_SIGMA.iter().find(of_views).map_or(0.0, |it| it.1);
+        contested.hypot(LACKING_SIGMA * (self.lacking - LACKING_WELL).max(0.0)).hypot(few)
     }
 
     /// The share of a part's inside in which there is no voxel [–].
@@ -107,6 +116,16 @@ impl BodyTracker {
         let mean = self.contradiction.mean.map_or(now, |it| it + (now - it) * taken);
         let at_head = contested.iter().filter(is_at_head).map(|it| it.1).sum();
         self.contradiction = Contradiction { share: now.max(mean), mean: Some(mean), at_head, ..self.contradiction };
+    }
+
+    /// Says how many views carved the voxels of the last step.
+    pub fn hear_views(&mut self, n_views: usize) {
+        self.contradiction.n_views = Some(n_views);
+    }
+
+    /// Whether so few views carved the voxels that none of a body is measured.
+    pub fn is_of_few_views(&self) -> bool {
+        self.contradiction.n_views.is_some_and(|it| it < LEAST_VIEWS)
     }
 
     /// Whether views contradict each other so much around this body that none of it is measured.
@@ -188,5 +207,20 @@ mod tests {
             before = now;
         }
         assert!(before.0 > 0.15, "{before:?}");
+    }
+
+    #[test]
+    fn of_two_views_nothing_is_measured_and_of_three_it_is_vaguer() {
+        let field = drawn::field(&drawn::somebody());
+        let tracker = drawn::followed(&field);
+        let of = |n_views: usize| {
+            let mut tracker = tracker.clone();
+            tracker.hear_views(n_views);
+            (tracker.shows(Part::Torso), tracker.is_of_few_views(), tracker.contradiction.sigma())
+        };
+        let enough = tracker.contradiction.sigma();
+        assert_eq!(of(4), (true, false, enough));
+        assert_eq!(of(3), (true, false, enough.hypot(0.04)));
+        assert_eq!([1, 2].map(of), [(false, true, enough.hypot(0.15)); 2]);
     }
 }
