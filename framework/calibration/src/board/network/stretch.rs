@@ -1,7 +1,8 @@
 //! Whether a board is as long and as high as it is said to be: printers stretch paper one way.
 //!
 //! A board that is bigger than it is said to be is a room that is bigger. One that is longer one way alone fits no pose where it is turned in the picture; where it is always held the same way, pixels that are not
-//! square explain it as well. So all is adjusted once more with pixels of the shape that was given and rows that are longer by a factor: that of the least cost is the board's, if it explains what was seen no worse.
+//! square explain it as well. So all is adjusted once more with pixels of the shape that was given and rows that are longer by a factor: that of the least cost is the board's, if it
+//! explains what was seen clearly better than rows as they are said to be, and no worse than pixels of any shape.
 
 use std::collections::BTreeMap;
 

@@ -30,7 +30,7 @@ const TO_END_OF_HEAD: f64 = 0.6;
 
 /// From fewer views no joint is measured: two cones have bodies in common that nobody has.
 const LEAST_VIEWS: usize = 3;
-/// Joints are so much vaguer an axis in hulls of so few views [m], two and three: of drawn people.
+/// Joints are so much vaguer an axis in hulls of so few views [m], two and three: of one rendered walker before pairs and threes of eight cameras.
 const FEW_VIEWS_SIGMA: [(usize, f64); 2] = [(2, 0.15), (3, 0.04)];
 
 /// What is known of it.
