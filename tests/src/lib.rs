@@ -1,1 +1,3 @@
-//! What crosses crates; the tests themselves lie in `tests/`.
+//! What crosses crates: claims about accuracy and speed, measured by the program `results`; the tests themselves lie in `tests/`.
+
+pub mod results;
