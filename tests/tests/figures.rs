@@ -148,7 +148,7 @@ fn summary_says_unit_and_what_is_better_of_every_figure() {
 
 #[test]
 fn printed_results_show_a_unit_that_the_name_does_not_say() {
-    const FRUIT: FigureSpec = FigureSpec { name: "targets", unit: "apples", better: Better::Neither, line: "Fruit" };
+    const FRUIT: FigureSpec = FigureSpec { name: "targets", unit: "apples", better: Better::Neither, line: "Fruit", headline: Some("Apples") };
     let (graph, mut outcome) = run(workspace_root().join("graphs/room.toml"), DURATION_S);
     outcome.report.about.insert("targets".to_owned(), &FRUIT);
     let said = foveate_cli::outcome::describe(&graph, &outcome, Path::new("out"));

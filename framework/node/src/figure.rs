@@ -37,6 +37,8 @@ pub struct FigureSpec {
     pub better: Better,
     /// One line: what is counted, over what, and what is left out.
     pub line: &'static str,
+    /// A few words for the end of a run, where the figure is one of those that a person reads first.
+    pub headline: Option<&'static str>,
 }
 
 /// Units of what has no dimension.
@@ -61,6 +63,11 @@ impl FigureSpec {
     /// Whether it declares the figure of that name.
     pub fn declares(&self, figure: &str) -> bool {
         expand(self.name).is_ok_and(|patterns| patterns.iter().any(|it| fits(it.as_bytes(), figure.as_bytes())))
+    }
+
+    /// The unit, or `None` for what has no dimension.
+    pub fn dimension(&self) -> Option<&'static str> {
+        (!PURE.contains(&self.unit)).then_some(self.unit)
     }
 
     /// The unit to be shown beside `figure`: `None` where its name says it already, or where it has no dimension.
@@ -205,13 +212,16 @@ macro_rules! figures {
     (@better low) => { $crate::figure::Better::Low };
     (@better high) => { $crate::figure::Better::High };
     (@better neither) => { $crate::figure::Better::Neither };
-    ($scope:vis const $all:ident; $($name:literal: $unit:tt, $better:ident, $line:literal;)*) => {
+    (@headline) => { None };
+    (@headline $headline:literal) => { Some($headline) };
+    ($scope:vis const $all:ident; $($name:literal: $unit:tt, $better:ident, $line:literal $(=> $headline:literal)?;)*) => {
         /// The figures, in the order of their declarations.
         $scope const $all: $crate::Figures = &[$($crate::figure::FigureSpec {
             name: $name,
             unit: $crate::figures!(@unit $unit),
             better: $crate::figures!(@better $better),
             line: $line,
+            headline: $crate::figures!(@headline $($headline)?),
         }),*];
     };
     // With the first name, so that a mistake is reported where it is and does not come here again.
@@ -225,7 +235,7 @@ mod tests {
     use super::*;
 
     const fn spec(name: &'static str, unit: &'static str) -> FigureSpec {
-        FigureSpec { name, unit, better: Better::Low, line: "What is counted" }
+        FigureSpec { name, unit, better: Better::Low, line: "What is counted", headline: None }
     }
 
     fn all<const N: usize>(specs: [FigureSpec; N]) -> Figures {
