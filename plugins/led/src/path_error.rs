@@ -13,8 +13,8 @@ ports! {
 }
 
 figures! {
-    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it";
-    "*.coverage": share, high, "Rows with a target within covered_m, of all rows";
+    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it" => "target off the measured path";
+    "*.coverage": share, high, "Rows with a target within covered_m, of all rows" => "part of the measured path that is covered";
     "*.with_target": share, high, "Rows with any target at all, of all rows";
     "*.targets_mean": count, neither, "Targets at a row, mean over all rows: the nearest of many is close by accident";
     "*.rows": count, neither, "Rows of the path between from_s and until_s";

@@ -34,7 +34,7 @@ figures! {
     "registration.places": count, high, "Places of the wall at which the light was held, or dots that were seen";
     "registration.dots_left_out": count, low, "Dots of which no light, several, or one that moved was seen; missing where the wall shows none";
     "registration.touch_mm": mm, low, "Distance of these places, where the pose has them, from where the light was; root mean square";
-    "registration.held_out_mm": mm, low, "The same where each place is left out of the pose that it is held against; four places or more";
+    "registration.held_out_mm": mm, low, "The same where each place is left out of the pose that it is held against; four places or more" => "places of the wall held out of its pose";
     "registration.worst_sigma_mm": mm, low, "Largest standard deviation of a corner of the wall in the room, as the pose's covariance has it";
 }
 
