@@ -20,8 +20,8 @@ ports! {
 }
 
 figures! {
-    "calibration.rms_px.*": px, low, "Root mean square distance of the camera's rectangles from where its calibration has them, those left out not counted" => "rectangles off the calibration";
-    "calibration.held_out_px.*": px, low, "The same of every fifth rectangle, under a calibration from the four others, root mean square over all five turns" => "rectangles held out";
+    "calibration.rms_px.*": px, low, "Root mean square distance of the camera's rectangles from where its calibration has them, those left out not counted" => "rectangles off the calibration" => "rectangles off the calibration";
+    "calibration.held_out_px.*": px, low, "The same of every fifth rectangle, under a calibration from the four others, root mean square over all five turns" => "rectangles held out" => "rectangles held out";
     "calibration.linear_px.*": px, neither, "Root mean square distance under the direct linear transformation, which knows no lens: what the lens is worth";
     "calibration.rectangles.*": count, high, "Rectangles that the camera's calibration is from";
     "calibration.left_out.*": count, low, "Labelled rectangles that are too far off and were left out";

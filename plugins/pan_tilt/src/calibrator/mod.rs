@@ -29,7 +29,7 @@ ports! {
 }
 
 figures! {
-    "head_calibration.heads": count, high, "Heads that were calibrated" => "heads calibrated";
+    "head_calibration.heads": count, high, "Heads that were calibrated" => "heads calibrated" => "heads calibrated";
     "head_calibration.light_samples": count, neither, "Times at which one light, and one only, was measured in the room";
     "head_calibration.*.camera_frames": count, neither, "Pictures of that head's camera with one light";
     "head_calibration.*.several_lights": count, low, "Pictures with more than one light; not used";
@@ -39,7 +39,7 @@ figures! {
     "head_calibration.*.settings": count, high, "Different settings of pan and tilt among them";
     "head_calibration.*.{home,aligned,free}_px.median": px, low, "Error of the model with the home position alone, with aligned and with free axes, over all observations";
     "head_calibration.*.{home,aligned,free}_px.rms": px, low, "The same over the observations that the last model takes for right";
-    "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at settings that were held out of the fit" => "error at settings that were held out";
+    "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at settings that were held out of the fit" => "error at settings that were held out" => "error at settings that were held out";
     "head_calibration.*.wrong": count, low, "Observations that were taken for gross errors and left out";
     "head_calibration.*.noise_factor": ratio, neither, "Right errors over their stated standard deviations; near 1: as large as stated";
     "head_calibration.*.{pan,tilt}_direction_sigma_deg": deg, low, "Standard deviation of the direction of the axis";

@@ -28,11 +28,11 @@ ports! {
 }
 
 figures! {
-    "voxel_body.bodies": count, neither, "Bodies followed, mean over all messages of voxels" => "bodies followed, on average";
+    "voxel_body.bodies": count, neither, "Bodies followed, mean over all messages of voxels" => "bodies followed, on average" => "bodies followed, on average";
     "voxel_body.found": count, neither, "Times that a body was found";
     "voxel_body.lost": count, low, "Times that a body was lost: voxels did not support its head or torso for lost_ms";
     "voxel_body.unmodelled": count, low, "Voxels as large as a body that none was made of, over all messages";
-    "voxel_body.measured": share, high, "Joints that voxels showed at that time, over fourteen for each body and message" => "joints measured";
+    "voxel_body.measured": share, high, "Joints that voxels showed at that time, over fourteen for each body and message" => "joints measured" => "joints measured";
     "voxel_body.limbs": count, high, "Limbs in the model of a body, mean over bodies and messages";
     "voxel_body.unexplained": share, low, "Skin of a body's voxels that no part of it explains, mean over bodies and messages";
     "voxel_body.contradicted": share, low, "Of all times that a body was given out, those in which views contradict each other around it so much that none of it is called measured; left out where there were none";
