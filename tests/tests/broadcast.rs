@@ -216,8 +216,16 @@ fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
 }
 
 /// All ways that compete, and last what they are weighted to.
-const WAYS: [PredictionMethod; 8] =
-    [PredictionMethod::Still, PredictionMethod::Velocity, PredictionMethod::Damped, PredictionMethod::Slowing, PredictionMethod::Interacting, PredictionMethod::Linear, PredictionMethod::Cautious, PredictionMethod::Weighted];
+const WAYS: [PredictionMethod; 8] = [
+    PredictionMethod::Still,
+    PredictionMethod::Velocity,
+    PredictionMethod::Damped,
+    PredictionMethod::Slowing,
+    PredictionMethod::Interacting,
+    PredictionMethod::Linear,
+    PredictionMethod::Cautious,
+    PredictionMethod::Weighted,
+];
 
 /// Mean angle by which each of [`WAYS`] misses a point of `path` 350 ms on [rad], seen from three metres; tracked at 60 Hz with a millimetre of noise and a velocity that lags by 30 ms.
 fn missed(path: &[Point3<f64>]) -> [f64; WAYS.len()] {
@@ -226,7 +234,8 @@ fn missed(path: &[Point3<f64>]) -> [f64; WAYS.len()] {
     WAYS.map(|way| {
         let mut random = Random::new(5);
         let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
-        let mut predictor = Predictor::new(PredictorOptions { method: way, eye: Some(eye), ..PredictorOptions::default() });
+        let mut predictor =
+            Predictor::new(PredictorOptions { method: way, eye: Some(eye), ..PredictorOptions::default() });
         let mut velocity = Vector3::zeros();
         let (mut sum, mut count) = (0.0, 0.0);
         for frame in 1..path.len() - ahead {
