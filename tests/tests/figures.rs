@@ -151,16 +151,24 @@ fn summary_says_unit_and_what_is_better_of_every_figure() {
 }
 
 #[test]
-fn printed_results_show_a_unit_that_the_name_does_not_say() {
-    const FRUIT: FigureSpec = FigureSpec { name: "targets", unit: "apples", better: Better::Neither, line: "Fruit", headline: Some("Apples") };
+fn printed_results_are_headlines_with_their_units() {
+    const FRUIT: FigureSpec = FigureSpec {
+        name: "targets",
+        unit: "apples",
+        better: Better::Neither,
+        line: "Fruit",
+        headline: Some("Apples"),
+    };
     let (graph, mut outcome) = run(workspace_root().join("graphs/room.toml"), DURATION_S);
     outcome.report.about.insert("targets".to_owned(), &FRUIT);
     let said = foveate_cli::outcome::describe(&graph, &outcome, Path::new("out"));
-    let line = |name: &str| {
-        said.lines().find(|it| it.split_whitespace().next() == Some(name)).unwrap_or_else(|| panic!("{said}"))
-    };
-    assert!(line("targets").ends_with(" apples"), "{said}");
-    assert!(!line("gospa_mm").ends_with("mm") && !line("targets_true").ends_with("count"), "{said}");
+    let line =
+        |words: &str| said.lines().find(|it| it.trim_start().starts_with(words)).unwrap_or_else(|| panic!("{said}"));
+    assert!(line("Apples").ends_with(" apples") && line("targets off the truth").ends_with(" mm"), "{said}");
+    assert!(!line("part of the truth").ends_with("share"), "{said}");
+    // A figure without a headline is for the file.
+    assert!(outcome.report.figures.contains_key("gospa_mm") && !said.contains("gospa"), "{said}");
+    assert!(line("open ").contains("path_top.svg"), "{said}");
 }
 
 /// The declared names and units that an explanation of `query` states.
