@@ -269,7 +269,7 @@ fn no_way_to_foretell_recorded_people_is_much_better_than_what_all_are_weighted_
                     path.reverse();
                 }
                 let missed = missed(&path);
-                let weighted = missed[WAYS.len() - 1];
+                let weighted = missed[METHODS.len() - 1];
                 let ratios = missed.map(|it| weighted / it);
                 println!("{file} {joint}{}: {ratios:.2?}", if backwards { ", backwards" } else { "" });
                 worst = ratios.into_iter().fold(worst, f64::max);
