@@ -249,7 +249,7 @@ const CALIBRATE: &str = "`foveate calibrate RIG --from-nothing --write` finds wh
 const BEGIN_CALIBRATION: &str = "to calibrate, begin with a file of `[calibration]`, `length_unit = \"unknown\"` and, for each camera, `[camera.NAME]` with `image_size_px = [640, 480]`; \
      then `foveate calibrate RIG --from-nothing --write`";
 
-/// What a calibration lacks that is fine but for what calibrating finds; `None`: it is no such file.
+/// What an otherwise valid calibration still lacks and calibrating finds; `None`: it is no such file.
 fn not_calibrated(path: &Path) -> Option<String> {
     let draft = Draft::load(path).ok()?;
     let of = |is_unknown: fn(&Unknown) -> bool| draft.unknown.values().filter(|it| is_unknown(it)).count();
@@ -277,7 +277,7 @@ fn pictures_fit(calibration: &Calibration, rig: &RigText<'_>, findings: &mut Fin
             "camera {}: found pictures of {columns} x {rows} px, expected at most {MOST_PIXELS} px, as 16384 x 16384",
             it.name
         );
-        findings.error(place.clone(), "the pictures of a camera fit into no memory", label);
+        findings.error(place.clone(), "the pictures of a camera do not fit into memory", label);
     }
     fits
 }
