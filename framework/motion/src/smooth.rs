@@ -213,6 +213,6 @@ mod tests {
             assert!(smooth(&mut of(&wave(1.0)), cutoff_hz).unwrap_err().contains("less than 50"), "{cutoff_hz}");
         }
         let mut irregular = Motion { rate_hz: None, ..of(&wave(1.0)) };
-        assert!(smooth(&mut irregular, 5.0).unwrap_err().contains("not regular"));
+        assert!(smooth(&mut irregular, 5.0).unwrap_err().contains("irregular"));
     }
 }

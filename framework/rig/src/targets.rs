@@ -32,7 +32,7 @@ pub(super) const PICKS: [(&str, Word); 5] = [
     ("id", Word::Id),
 ];
 
-/// A name and the rule that says who carries it.
+/// A name and the rule that picks the target that carries it.
 #[derive(Debug, Clone)]
 pub(super) struct NamedTarget {
     pub name: Spanned<String>,

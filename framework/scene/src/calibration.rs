@@ -5,7 +5,7 @@
 //! ```toml
 //! [calibration]
 //! length_unit = "m"            # or "unknown", when the scale of the scene was never measured
-//! note = "by whom, how, when"  # optional
+//! note = "author, method, date"  # optional
 //!
 //! [camera.wide-1]
 //! image_size_px = [640, 240]
@@ -19,8 +19,8 @@
 //!
 //! Optional besides: `[provenance]` and `[camera.wide-1.uncertainty]`, see [`crate::uncertainty`].
 //!
-//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`]; a section `[head.ptz-1]`, on what head that camera turns:
-//! see [`crate::heads`].
+//! A section `[clock.wide-1]` may describe the camera's clock: see [`crate::clocks`]; a section `[head.ptz-1]`, the pan-tilt head that carries the
+//! camera: see [`crate::heads`].
 //!
 //! Calibrations of other programs are read too: see [`crate::formats`].
 
@@ -76,9 +76,9 @@ pub struct Calibration {
     pub heads: Heads,
     /// How it was made, where that is known.
     pub provenance: Option<Provenance>,
-    /// How well each camera is known, by its name; cameras of which nothing is known are left out.
+    /// Uncertainty of each camera, by its name; cameras without one are left out.
     pub uncertainties: Uncertainties,
-    /// Where it came from and what was changed on the way in, for people.
+    /// Where it came from and what was changed during import, for people.
     pub origin: String,
 }
 
@@ -188,15 +188,15 @@ impl Calibration {
         }
     }
 
-    /// Reads a file or folder of any known form, which is told from what is in it: see [`crate::formats`].
+    /// Reads a file or folder of any known form, recognised by its content: see [`crate::formats`].
     ///
     /// # Errors
-    /// Every fault found, with its place; when no form fits, what was looked for.
+    /// Every fault found, with its place; when no form fits, the forms that are known.
     pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
         Calibration::load_with(path, &ImportOptions::default())
     }
 
-    /// Reads the text of a TOML file; `path` is for the messages, and stands for the origin where `note` is missing.
+    /// Reads the text of a TOML file; `path` is for the messages, and is the origin where `note` is missing.
     pub fn from_toml(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
         calibration_file::parse(text, path)
     }

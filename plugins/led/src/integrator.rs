@@ -40,7 +40,7 @@ figures! {
         "integrator.targets_at_end": count, neither, "Live targets when the run ended";
         "integrator.ambiguities": count, neither, "Frames with an ambiguous association for which several hypotheses were kept; with association = hypotheses";
         "integrator.observations_used": count, neither, "Features associated with a target";
-        "integrator.observations_shared": count, neither, "Features associated with two targets at once, whose images had merged into one spot; with hypotheses only of late frames";
+        "integrator.observations_shared": count, neither, "Features associated with two targets at once, whose images had merged into one spot; with hypotheses only in frames that come late";
         "integrator.observations_unmatched": count, low, "Features without a target when they came, including those that initiated one";
         "integrator.observations_unusable": count, low, "Features without finite numbers, or with an invalid covariance";
     "integrator.observations_late": count, low, "Features in late or repeated frames, which were not used";

@@ -4,7 +4,7 @@ use foveate::prelude::Time;
 
 use super::settings::TrackerSettings;
 
-/// A camera with a larger share of late frames has another clock or delay than the others [–].
+/// A camera with a larger share of frames that come late has another clock or delay than the others [–].
 const LATE_SHARE: f64 = 0.02;
 /// Fewest frames or spots for a remark.
 const LEAST_COUNT: u64 = 20;
@@ -21,7 +21,7 @@ pub(super) struct Camera {
     intervals: Vec<f64>,
     frames: u64,
     late: u64,
-    /// Largest delay of late frames behind the newest frame [s].
+    /// Largest delay of a frame behind the newest frame [s].
     most_late_s: f64,
     /// Spots that were bright enough.
     pub bright: u64,

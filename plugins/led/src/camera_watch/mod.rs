@@ -30,7 +30,7 @@ ports! {
 
 figures! {
 <<<<<<< HEAD
-    "camera_watch.bumped": count, low, "Times that one camera was found to be turned" => "cameras found to be turned" => "cameras found to be turned";
+    "camera_watch.bumped": count, low, "Times that one camera was found to be turned" => "cameras found to be turned" => "cameras found to be turned" => "cameras found to be turned";
     "camera_watch.undecided": count, low, "Times that one of several cameras was turned, and it is not known which";
     "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of others, over all cameras";
     "camera_watch.bumped_at_s.*": s, neither, "Session time since which the camera is turned, at its first bump";

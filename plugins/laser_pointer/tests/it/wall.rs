@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate::engine::{self, Options};
 use foveate::prelude::Registry;
+use foveate::engine::{self, Options};
 use foveate::rig::{self, Overrides};
 use foveate_testkit::data::workspace_root;
 
