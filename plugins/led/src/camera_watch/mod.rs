@@ -29,15 +29,6 @@ ports! {
 }
 
 figures! {
-<<<<<<< HEAD
-    "camera_watch.bumped": count, low, "Times that one camera was found to be turned" => "cameras found to be turned" => "cameras found to be turned" => "cameras found to be turned";
-    "camera_watch.undecided": count, low, "Times that one of several cameras was turned, and it is not known which";
-    "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of others, over all cameras";
-    "camera_watch.bumped_at_s.*": s, neither, "Session time since which the camera is turned, at its first bump";
-    "camera_watch.told_at_s.*": s, neither, "Session time at which that was certain";
-    "camera_watch.turn_mrad.*": mrad, neither, "By how much the camera was turned, at its first bump";
-    "camera_watch.shift_px.*": px, neither, "How far lights moved in its picture by that, root mean square";
-=======
         "camera_watch.bumped": count, low, "Cameras found to be rotated";
         "camera_watch.undecided": count, low, "Times that one of several cameras was rotated, without knowing which";
     "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of other cameras, over all cameras";
@@ -45,7 +36,6 @@ figures! {
         "camera_watch.told_at_s.*": s, neither, "Session time at which that bump was certain";
         "camera_watch.turn_mrad.*": mrad, neither, "Rotation of the camera by its first bump";
         "camera_watch.shift_px.*": px, neither, "Shift of lights in its picture by that bump, root mean square";
->>>>>>> main
 }
 
 /// Settings of [`CameraWatch`].
