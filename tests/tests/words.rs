@@ -71,7 +71,10 @@ fn files(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
 
 /// Doc comments and string literals before the tests of a source file, each with its first line.
 fn spoken(text: &str) -> Vec<(usize, &str)> {
-    let text = &text[..text.find("#[cfg(test)]\nmod ").unwrap_or(text.len())];
+    let tests = text
+        .match_indices("#[cfg(test)]\nmod ")
+        .find(|(at, it)| text[at + it.len()..].lines().next().is_some_and(|line| line.ends_with('{')));
+    let text = &text[..tests.map_or(text.len(), |it| it.0)];
     let bytes = text.as_bytes();
     let (mut i, mut line, mut found) = (0, 1, Vec::new());
     while i < bytes.len() {

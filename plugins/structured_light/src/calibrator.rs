@@ -34,7 +34,7 @@ ports! {
 
 figures! {
     "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over all sets, those that it rejects among them";
-    "projector.held_out_px.rms": px, low, "Root mean square distance of the projector's corners from where they are foretold in a set by a calibration without that set, the board being placed by camera and projector, over all sets in turn" => "projector's corners of a set held out" => "projector's corners of a set held out" => "projector's corners of a set held out" => "projector's corners of a set held out";
+    "projector.held_out_px.rms": px, low, "Root mean square distance of the projector's corners from where they are foretold in a set by a calibration without that set, the board being placed by camera and projector, over all sets in turn" => "projector's corners of a set held out" => "projector's corners of a set held out" => "projector's corners of a set held out" => "projector's corners of a set held out" => "projector's corners of a set held out";
     "projector.held_out_px.worst": px, low, "The largest of these by set";
     "projector.transfer_px.rms": px, low, "The same, the board being placed by the camera alone";
     "projector.sets": count, high, "Sets in which camera and projector saw the board";
@@ -42,10 +42,10 @@ figures! {
     "camera.held_out_px.rms": px, low, "As of the projector, for the camera's corners";
     "corners.rejected": count, low, "Corners of camera and projector that the calibration was not made from, since they are too far from where it has them";
     "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over all sets, those that it rejects among them";
-    "both.used_px.rms": px, low, "The same without those that it rejects" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration";
-    "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets" => "depth error" => "depth error" => "depth error" => "depth error";
+    "both.used_px.rms": px, low, "The same without those that it rejects" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration" => "corners of camera and projector off the calibration";
+    "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets" => "depth error" => "depth error" => "depth error" => "depth error" => "depth error";
     "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points of a set on the board from the plane that fits them best, over sets; a board that is bent counts in full";
-    "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen";
+    "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen";
 }
 
 /// Settings of [`Calibrator`].
