@@ -197,7 +197,7 @@ impl Node for Integrator {
             let worst = worst.map_or("", |it| it.1.as_str());
             report.remark(format!(
                 "{late} of {} camera frames came too long after newer ones and were not used, most of them from {worst}: that machine is too \
-                 slow, or its clock is wrong; late = \"out_of_sequence\", a larger history_ms and clocks = \"correct\" use them",
+                 slow, or its clock is wrong; a larger history_ms (with late = \"out_of_sequence\") and clocks = \"correct\" use them",
                 late + applied
             ));
         }
