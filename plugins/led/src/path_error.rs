@@ -13,8 +13,8 @@ ports! {
 }
 
 figures! {
-    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it" => "target off the measured path" => "target off the measured path" => "target off the measured path" => "target off the measured path" => "target off the measured path";
-    "*.coverage": share, high, "Rows with a target within covered_m, of all rows" => "part of the measured path that is covered" => "part of the measured path that is covered" => "part of the measured path that is covered" => "part of the measured path that is covered" => "part of the measured path that is covered";
+    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it" => "target off the measured path";
+    "*.coverage": share, high, "Rows with a target within covered_m, of all rows" => "part of the measured path that is covered";
         "*.with_target": share, high, "Rows with any target, of all rows";
         "*.targets_mean": count, neither, "Targets at a row, mean over all rows: among many targets, the nearest is close by chance";
     "*.rows": count, neither, "Rows of the path between from_s and until_s";

@@ -20,8 +20,8 @@ ports! {
 }
 
 figures! {
-        "calibration.rms_px.*": px, low, "Root mean square reprojection error of the camera's rectangles, without those left out" => "rectangles off the calibration" => "rectangles off the calibration";
-        "calibration.held_out_px.*": px, low, "The same for every fifth rectangle, under a calibration from the others, root mean square over all five rounds" => "rectangles held out" => "rectangles held out";
+        "calibration.rms_px.*": px, low, "Root mean square reprojection error of the camera's rectangles, without those left out" => "rectangles off the calibration";
+        "calibration.held_out_px.*": px, low, "The same for every fifth rectangle, under a calibration from the others, root mean square over all five rounds" => "rectangles held out";
     "calibration.linear_px.*": px, neither, "Root mean square distance under the direct linear transformation, without lens distortion, for comparison";
         "calibration.rectangles.*": count, high, "Rectangles used for the camera's calibration";
         "calibration.left_out.*": count, low, "Labelled rectangles left out as too far off";

@@ -10,9 +10,9 @@ ports! {
 }
 
 figures! {
-    "cylinder.radius_mm": mm, neither, "Radius of the cylinder that fits a cloud best, mean over the clouds" => "radius of the cylinder" => "radius of the cylinder" => "radius of the cylinder" => "radius of the cylinder" => "radius of the cylinder" => "radius of the cylinder";
+    "cylinder.radius_mm": mm, neither, "Radius of the cylinder that fits a cloud best, mean over the clouds" => "radius of the cylinder";
     "cylinder.radius_mm.spread": mm, low, "Largest difference of two clouds' radii";
-    "cylinder.rms_mm": mm, low, "Root mean square distance of a cloud's points from its cylinder, all of them, mean over the clouds" => "points off the cylinder" => "points off the cylinder" => "points off the cylinder" => "points off the cylinder" => "points off the cylinder" => "points off the cylinder";
+    "cylinder.rms_mm": mm, low, "Root mean square distance of a cloud's points from its cylinder, all of them, mean over the clouds" => "points off the cylinder";
     "cylinder.points": count, high, "Points of a cloud, the least over the clouds";
     "cylinder.roughness_mm": mm, low, "Root mean square deviation of points, along their normal, from the quadric through their neighbours within `radius_mm`, for its degrees of freedom, over all clouds";
     "cylinder.clouds": count, neither, "Clouds that a cylinder was fitted to";

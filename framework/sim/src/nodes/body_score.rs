@@ -14,10 +14,10 @@ ports! {
 }
 
 figures! {
-    "joint_mm.{median,p95}": mm, low, "Distance of head, neck, shoulders, elbows, hips and knees of a skeleton from those of its person, over all that skeletons state, predicted and filled ones too; people without a skeleton are left out" => "joints off the truth" => "joints off the truth" => "joints off the truth" => "joints off the truth" => "joints off the truth" => "joints off the truth";
+    "joint_mm.{median,p95}": mm, low, "Distance of head, neck, shoulders, elbows, hips and knees of a skeleton from those of its person, over all that skeletons state, predicted and filled ones too; people without a skeleton are left out" => "joints off the truth";
     "end_mm.{median,p95}": mm, low, "The same of wrists and ankles, which lie within the model's last parts";
     "joint.*.mm.median": mm, low, "The same of one joint";
-    "head_right": share, high, "People wholly in the volume whose skeleton's head is within head_right_mm, over all of them and all messages" => "heads found where they are" => "heads found where they are" => "heads found where they are" => "heads found where they are" => "heads found where they are" => "heads found where they are";
+    "head_right": share, high, "People wholly in the volume whose skeleton's head is within head_right_mm, over all of them and all messages" => "heads found where they are";
     "head_wrong": share, low, "The same with a skeleton whose head is farther off";
     "parts_found_s": s, low, "From the first message with a person wholly in the volume until their skeleton has all ten parts, median over people; missing if half of them never have";
     "joints_missing": share, low, "Joints of people wholly in the volume that no skeleton states, over all of them and all messages";

@@ -19,7 +19,7 @@ ports! {
 }
 
 figures! {
-    "display_px.{median,p95}": px, low, "Distance on a tile between where a point behind it is drawn and where the true eye should see it, when people see the picture: mean over points, eyes and tiles, over all messages" => "drawn off where the eyes need it" => "drawn off where the eyes need it" => "drawn off where the eyes need it" => "drawn off where the eyes need it" => "drawn off where the eyes need it" => "drawn off where the eyes need it";
+    "display_px.{median,p95}": px, low, "Distance on a tile between where a point behind it is drawn and where the true eye should see it, when people see the picture: mean over points, eyes and tiles, over all messages" => "drawn off where the eyes need it";
     "display_px.{median,p95}[unpredicted]": px, low, "The same of the views at `unpredicted`";
     "display_px.{median,p95}[velocity]": px, low, "The same of the views at `velocity`";
     "display_scored": count, neither, "Messages of views that were scored, since start_s";

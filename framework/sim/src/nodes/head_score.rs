@@ -31,8 +31,8 @@ ports! {
 }
 
 figures! {
-    "off_centre_px.{mean,median,p95}([*])": px, low, "Distance of the true target from the middle of the image, over the pictures of the cameras `of`; with [CAMERA] of that one" => "target off the middle of the picture" => "target off the middle of the picture" => "target off the middle of the picture" => "target off the middle of the picture" => "target off the middle of the picture" => "target off the middle of the picture";
-    "in_view([*])": share, high, "Those of these pictures that have the target within their borders" => "pictures with the target in view" => "pictures with the target in view" => "pictures with the target in view" => "pictures with the target in view" => "pictures with the target in view" => "pictures with the target in view";
+    "off_centre_px.{mean,median,p95}([*])": px, low, "Distance of the true target from the middle of the image, over the pictures of the cameras `of`; with [CAMERA] of that one" => "target off the middle of the picture";
+    "in_view([*])": share, high, "Those of these pictures that have the target within their borders" => "pictures with the target in view";
     "pictures([*])": count, neither, "Pictures that were scored, since start_s";
     "head_pose_px.{median,p95}([*])": px, low, "Distance of where the stated pose sees the target from where it truly is, in pictures that have it";
     "head_pose_deg.rms([*])": deg, low, "Angle between the stated and the true line of sight, over all stated poses";

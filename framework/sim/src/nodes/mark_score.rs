@@ -31,7 +31,7 @@ ports! {
 }
 
 figures! {
-    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there" => "pairs of marks that keep their distance, off their mean" => "pairs of marks that keep their distance, off their mean" => "pairs of marks that keep their distance, off their mean" => "pairs of marks that keep their distance, off their mean" => "pairs of marks that keep their distance, off their mean" => "pairs of marks that keep their distance, off their mean";
+    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there" => "pairs of marks that keep their distance, off their mean";
     "group_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of distances from their means within four marks, one and the three nearest to it, whose true distances change least: the six pairs below the eye of [Davis 2002 §5.5]";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
@@ -39,18 +39,18 @@ figures! {
     "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: no other figure counts them";
     "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
     "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
-    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world" => "all marks off the truth, in the world" => "all marks off the truth, in the world" => "all marks off the truth, in the world" => "all marks off the truth, in the world" => "all marks off the truth, in the world" => "all marks off the truth, in the world";
-    "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off" => "filled marks off the truth" => "filled marks off the truth" => "filled marks off the truth" => "filled marks off the truth" => "filled marks off the truth" => "filled marks off the truth";
+    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world" => "all marks off the truth, in the world";
+    "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off" => "filled marks off the truth";
     "filled_in_view_mm.{median,p95}": mm, low, "The same of those filled marks that two cameras or more could see, from 72° off their normal at most: marks that were not found, rather than hidden";
     "filled_in_view": count, low, "Filled samples of marks that two cameras or more could see, over all frames";
     "filled_sigmas.rms": sigmas, neither, "Error of filled marks in their stated standard deviations; 1: as large as stated";
     "filled_sigmas.{sure_half,vague_half}": sigmas, neither, "The same of the half of them with the smaller stated standard deviations, and of the other half";
     "filled": count, neither, "Filled samples that were compared, over all frames";
-    "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled" => "frames with every mark, measured or filled" => "frames with every mark, measured or filled" => "frames with every mark, measured or filled" => "frames with every mark, measured or filled" => "frames with every mark, measured or filled" => "frames with every mark, measured or filled";
+    "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled" => "frames with every mark, measured or filled";
     "frames_with_all_measured": share, high, "Frames with every true mark measured";
     "frames_out_of_distribution": share, low, "Frames whose out-of-distribution score is above 0.5";
     "marks_found": count, neither, "Marks that pictures reported under the label of a true mark";
-    "marks_false_positives": count, low, "Of these, those farther than wrong_px from where their mark truly is" => "marks reported where they are not" => "marks reported where they are not" => "marks reported where they are not" => "marks reported where they are not" => "marks reported where they are not" => "marks reported where they are not";
+    "marks_false_positives": count, low, "Of these, those farther than wrong_px from where their mark truly is" => "marks reported where they are not";
     "marks_false_positives.per_10000": ratio, low, "The same for 10000 marks found";
     "mark_px.{median,p95}": px, low, "Distance of the other marks found from where they truly are";
 }

@@ -16,7 +16,7 @@ ports! {
 }
 
 figures! {
-    "joint_deg.{median,p95}": deg, low, "Difference of the angle at an elbow or knee from the true one, over those that skeletons have both bones of, and all messages" => "elbows and knees off the truth" => "elbows and knees off the truth" => "elbows and knees off the truth" => "elbows and knees off the truth" => "elbows and knees off the truth" => "elbows and knees off the truth";
+    "joint_deg.{median,p95}": deg, low, "Difference of the angle at an elbow or knee from the true one, over those that skeletons have both bones of, and all messages" => "elbows and knees off the truth";
     "bone_deg.{median,p95}": deg, low, "Angle between an upper arm, forearm, thigh or shank of a skeleton and the true one, over the same";
     "joint_off_mm.{median,p95}": mm, low, "Distance of shoulders, elbows, wrists, hips, knees and ankles from the true ones, over the same";
     "postures.missing": share, low, "Messages without a skeleton, over all messages while a person, or the arm, is there";

@@ -17,19 +17,19 @@ ports! {
 }
 
 figures! {
-    "(*.)error_mm.{median,p95,rms}": mm, low, "Distance of a target from its true light at the same time, over all pairs within gate_mm and the volume" => "targets off the truth" => "targets off the truth" => "targets off the truth" => "targets off the truth";
+    "(*.)error_mm.{median,p95,rms}": mm, low, "Distance of a target from its true light at the same time, over all pairs within gate_mm and the volume" => "targets off the truth";
     "(*.)error_sigmas.rms": sigmas, neither, "Errors of targets over their stated standard deviations, for each axis: 1 is ideal, above 1 the tracker is overconfident";
     "(*.)gospa_mm.mean": mm, low, "GOSPA (p = 2, α = 2, cut-off gate_mm): errors, misses and false targets in one number, mean over messages, 0 where no target is there and none is found, and over the times at which none came";
     "(*.)mota": ratio, high, "MOTA (CLEAR MOT): 1 less missed lights, false and double targets and changes of identity, over true lights; may fall below 0";
     "(*.)idf1": share, high, "IDF1: targets whose identity is that of their light, each light and each identity having one partner for the whole run; harmonic mean of precision and recall";
     "(*.)hota": share, high, "HOTA: geometric mean of how many lights are found and of how long the identities of those that are found last; mean over 19 distances within gate_mm";
-    "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume" => "part of the truth that is covered" => "part of the truth that is covered" => "part of the truth that is covered" => "part of the truth that is covered";
+    "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume" => "part of the truth that is covered";
     "(*.)missed": share, low, "True lights in the volume without a target, over all scored messages and where none came though they should have";
     "(*.)false_targets": count, low, "Targets farther than gate_mm from any true light, mean over scored messages";
     "(*.)duplicates": count, low, "Unmatched targets with a true light within gate_mm, mean over scored messages";
     "(*.)id_switches": count, low, "Times that a light was matched to an identity that another light had last";
     "(*.)reinitialisations": count, low, "Times that a light was matched to a new identity after it had had another one";
-    "(*.)identities_per_target": ratio, low, "Identities over true lights that were ever found; 1 is ideal" => "identities a light (1 is right)" => "identities a light (1 is right)" => "identities a light (1 is right)" => "identities a light (1 is right)";
+    "(*.)identities_per_target": ratio, low, "Identities over true lights that were ever found; 1 is ideal" => "identities a light (1 is right)";
     "(*.)time_to_initiation_ms.median": ms, low, "From the first truth of a light in the volume to its first target; lights never found are left out";
     "(*.)targets_unborn": count, low, "True lights that were never matched, though in the volume at some time";
     "(*.)targets_true": count, neither, "True lights that were in the volume at some time since start_s";

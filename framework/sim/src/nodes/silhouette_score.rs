@@ -23,7 +23,7 @@ ports! {
 }
 
 figures! {
-    "silhouette.iou.{median,worst}": share, high, "Pixels that are body both truly and in the silhouette, over pixels that are in either, one value a silhouette of at least least_px true pixels; those that are marked as not to be used are left out" => "silhouettes: intersection over union with the truth" => "silhouettes: intersection over union with the truth" => "silhouettes: intersection over union with the truth" => "silhouettes: intersection over union with the truth";
+    "silhouette.iou.{median,worst}": share, high, "Pixels that are body both truly and in the silhouette, over pixels that are in either, one value a silhouette of at least least_px true pixels; those that are marked as not to be used are left out" => "silhouettes: intersection over union with the truth";
     "silhouette.missed": share, low, "Body's true pixels that the silhouettes lack, over all true ones of the same silhouettes";
     "silhouette.extra": share, low, "Pixels of these silhouettes that are not body, over all true ones";
     "silhouette.shadow": share, low, "Those of them where people block a tenth of the light or more: shadows taken for body, over all true pixels";

@@ -24,10 +24,10 @@ ports! {
 }
 
 figures! {
-    "surface.depth_mm.{median,p95}": mm, low, "Distance of the last surface's vertices from the nearest point of the true surface, as it lay at the surface's time; vertices that are wrong are left out" => "surface off the truth" => "surface off the truth" => "surface off the truth" => "surface off the truth";
+    "surface.depth_mm.{median,p95}": mm, low, "Distance of the last surface's vertices from the nearest point of the true surface, as it lay at the surface's time; vertices that are wrong are left out" => "surface off the truth";
     "surface.depth_bias_mm": mm, neither, "Median of the same with its sign: above 0, vertices lie outside";
     "surface.normalised": ratio, neither, "Median distance over 0.6745 of each vertex's stated sigma: 1 is consistent; the sigmas do not include errors common to all clouds";
-    "surface.complete": share, high, "Places of the true surface (one a cubic millimetre) that the camera of any joined cloud saw lit, within near_mm of a vertex, over all such places" => "part of the true surface that is covered" => "part of the true surface that is covered" => "part of the true surface that is covered" => "part of the true surface that is covered";
+    "surface.complete": share, high, "Places of the true surface (one a cubic millimetre) that the camera of any joined cloud saw lit, within near_mm of a vertex, over all such places" => "part of the true surface that is covered";
     "surface.wrong_per_10000": ratio, low, "Vertices farther than wrong_mm from the true surface, for 10000";
     "surface.drift_mm.{median,max}": mm, low, "How far the middle of a joined cloud lies from where the first one would have it on the thing, by the poses that registration gave and the true ones";
     "surface.pose_normalised": ratio, neither, "Mean squared error of these poses over their covariances, per degree of freedom: 1 is consistent; errors of the first cloud's own camera pose come on top";

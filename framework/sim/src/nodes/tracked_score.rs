@@ -20,11 +20,11 @@ ports! {
 }
 
 figures! {
-    "surface_mm.{median,p95}": mm, low, "Distance of points from the true surface, over all points of all moments; points farther than reach_mm from any surface count as that far" => "points off the true surface" => "points off the true surface" => "points off the true surface" => "points off the true surface" => "points off the true surface" => "points off the true surface";
-    "drift_mm.{median,p95}": mm, low, "Distance of a point from where the place of the surface that it was first measured at truly is now, over all samples but the first of trajectories" => "points off where their first place has gone" => "points off where their first place has gone" => "points off where their first place has gone" => "points off where their first place has gone" => "points off where their first place has gone" => "points off where their first place has gone";
-    "wrong_trajectories": share, low, "Trajectories of two samples or more of which some sample is farther than wrong_mm from there, over all of these" => "wrong trajectories" => "wrong trajectories" => "wrong trajectories" => "wrong trajectories" => "wrong trajectories" => "wrong trajectories";
+    "surface_mm.{median,p95}": mm, low, "Distance of points from the true surface, over all points of all moments; points farther than reach_mm from any surface count as that far" => "points off the true surface";
+    "drift_mm.{median,p95}": mm, low, "Distance of a point from where the place of the surface that it was first measured at truly is now, over all samples but the first of trajectories" => "points off where their first place has gone";
+    "wrong_trajectories": share, low, "Trajectories of two samples or more of which some sample is farther than wrong_mm from there, over all of these" => "wrong trajectories";
     "wrong_points": share, low, "Points farther than wrong_mm from the true surface, over all points of all moments";
-    "coverage": share, high, "Of the vertices of the true surface that two cameras or more see within facing_deg of straight on, those within near_mm of a point, over all moments; that something else may stand before them is left out" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen" => "part covered of what could be seen";
+    "coverage": share, high, "Of the vertices of the true surface that two cameras or more see within facing_deg of straight on, those within near_mm of a point, over all moments; that something else may stand before them is left out" => "part covered of what could be seen";
     "normal_deg.median": deg, low, "Angle between a point's normal and that of the true surface there; points without one are left out";
     "speed_px.{median,p95}": px, neither, "How far the true places of tracked points move from moment to moment in the pictures of the first camera that sees them";
     "trajectories.scored": count, neither, "Trajectories of two samples or more";

@@ -18,14 +18,14 @@ ports! {
 }
 
 figures! {
-    "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm" => "pointers off the truth, in pixels of the wall" => "pointers off the truth, in pixels of the wall" => "pointers off the truth, in pixels of the wall" => "pointers off the truth, in pixels of the wall" => "pointers off the truth, in pixels of the wall" => "pointers off the truth, in pixels of the wall";
+    "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm" => "pointers off the truth, in pixels of the wall";
     "border_px.{median,p95}": px, low, "The same over the samples whose true spot is within 12 px of the edge of a camera's picture";
     "predicted_px.{median,p95}": px, low, "The same over targets that the message's own camera did not see, extrapolated to its time";
     "presses": count, neither, "Times that a spot appeared on the wall, from beside it too, and stayed for 50 ms or more";
-    "missed_presses": count, low, "Those of them without any target" => "presses missed" => "presses missed" => "presses missed" => "presses missed" => "presses missed" => "presses missed";
+    "missed_presses": count, low, "Those of them without any target" => "presses missed";
     "false_strokes": count, low, "Identities that were never near a true spot";
     "id_switches": count, low, "Times that a press was matched to an identity that another press had last";
-    "broken_strokes": count, low, "Times that a press was matched to a new identity after it had had another one" => "strokes broken in two" => "strokes broken in two" => "strokes broken in two" => "strokes broken in two" => "strokes broken in two" => "strokes broken in two";
+    "broken_strokes": count, low, "Times that a press was matched to a new identity after it had had another one" => "strokes broken in two";
     "crossings": count, neither, "Times that the spots of two users came within 12 mm of each other";
     "press_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first with its target; capture times, delivery apart";
     "release_ms.median": ms, low, "From the last message before a spot vanished to the last with its target";

@@ -34,7 +34,7 @@ figures! {
         "registration.places": count, high, "Places of the wall at which the light was held, or dots that were seen";
     "registration.dots_left_out": count, low, "Dots seen as no light, as several, or as one that moved; missing where the wall shows none";
     "registration.touch_mm": mm, low, "Distance between these places under the fitted pose and the light's positions; root mean square";
-    "registration.held_out_mm": mm, low, "The same with each place held out of the pose that it is compared with; four places or more" => "places of the wall held out of its pose" => "places of the wall held out of its pose" => "places of the wall held out of its pose";
+    "registration.held_out_mm": mm, low, "The same with each place held out of the pose that it is compared with; four places or more" => "places of the wall held out of its pose";
     "registration.worst_sigma_mm": mm, low, "Largest standard deviation of a corner of the wall in the room, by the pose's covariance";
 }
 

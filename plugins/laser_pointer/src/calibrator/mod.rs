@@ -32,13 +32,13 @@ ports! {
 }
 
 figures! {
-    "wall_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall" => "cameras mapped to the wall" => "cameras mapped to the wall";
+    "wall_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall";
     "wall_calibration.cameras_failed": count, low, "Cameras without a map: the remarks say why";
     "wall_calibration.dots": count, neither, "Dots, or places of a board, that were shown";
         "wall_calibration.dots_seen.*": count, high, "Dots, or places of a board, that this camera saw at rest";
     "wall_calibration.dots_hidden.*": count, low, "Dots, or places of a board, in this camera's picture that only another camera saw";
     "wall_calibration.held_out_px.*": px, low, "Error of this camera's map at every fourth dot, fitted without them, or at the corners of a board at places held out in four rounds; root mean square, in pixels of the wall";
-    "wall_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at dots held out, median camera" => "error of the maps at dots held out, median camera" => "error of the maps at dots held out, median camera";
+    "wall_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at dots held out, median camera";
         "wall_calibration.dark_displays": count, low, "Displays on which no camera saw a dot or a board";
 }
 

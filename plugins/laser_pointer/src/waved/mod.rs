@@ -32,11 +32,11 @@ ports! {
 }
 
 figures! {
-    "wave_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall" => "cameras mapped to the wall" => "cameras mapped to the wall";
+    "wave_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall";
     "wave_calibration.cameras_failed": count, low, "Cameras without a map: the remarks say why";
     "wave_calibration.shared_moments": count, high, "Moments at which two or more mapped cameras saw the waved pointer";
     "wave_calibration.held_out_px.*": px, low, "Distance between the pointer's place by this camera and by the others, as the error of one camera, at held-out moments (every fourth); root mean square, in pixels of the wall; errors common to all cameras are not included";
-    "wave_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at what was held out, median camera" => "error of the maps at what was held out, median camera" => "error of the maps at what was held out, median camera";
+    "wave_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at what was held out, median camera";
     "wave_calibration.touch_px": px, low, "Distance of touched places from their place by maps that were fitted without each; root mean square, in pixels of the wall; with five places or more";
     "wave_calibration.worst_sigma_px.*": px, low, "Largest standard deviation of a place on the wall over this camera's picture, by the map's covariance, in pixels of the wall";
     "wave_calibration.outliers.*": count, low, "Observations of this camera that fit badly: reflections and other lights";

@@ -30,7 +30,7 @@ ports! {
 }
 
 figures! {
-        "camera_watch.bumped": count, low, "Cameras found to be rotated" => "cameras found to be turned" => "cameras found to be turned";
+        "camera_watch.bumped": count, low, "Cameras found to be rotated" => "cameras found to be turned";
         "camera_watch.undecided": count, low, "Times that one of several cameras was rotated, without knowing which";
     "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of other cameras, over all cameras";
         "camera_watch.bumped_at_s.*": s, neither, "Session time of the camera's first bump";

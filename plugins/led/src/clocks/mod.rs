@@ -35,7 +35,7 @@ figures! {
     "clocks.sigma_ms.*": ms, low, "Standard deviation of the offset";
     "clocks.sigma_rate.*": ratio, low, "Standard deviation of the rate";
     "clocks.error_ms.*": ms, neither, "With truth: error of the camera's clock in the middle of its bearings, signed; 0 is ideal";
-    "clocks.error_max_ms(.*)": ms, low, "With truth: largest error at the first and last bearing, of a camera, and of all" => "clocks off the truth, at most" => "clocks off the truth, at most" => "clocks off the truth, at most" => "clocks off the truth, at most" => "clocks off the truth, at most" => "clocks off the truth, at most";
+    "clocks.error_max_ms(.*)": ms, low, "With truth: largest error at the first and last bearing, of a camera, and of all" => "clocks off the truth, at most";
 }
 
 /// Most bearings of one camera: an hour at 280 Hz. More are left out and counted.

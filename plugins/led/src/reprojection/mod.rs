@@ -16,10 +16,10 @@ ports! {
 }
 
 figures! {
-    "reprojection_px.{median,p90,max}": px, low, "Distance of a feature from the projection of its target, over frames that min_cameras agree on; features farther than gate_px are left out" => "re-projection error" => "re-projection error" => "re-projection error" => "re-projection error" => "re-projection error";
+    "reprojection_px.{median,p90,max}": px, low, "Distance of a feature from the projection of its target, over frames that min_cameras agree on; features farther than gate_px are left out" => "re-projection error";
         "reprojection_px.count": count, neither, "Features included in these distances";
     "reprojection_px.median.*": px, low, "Median of that distance over the features of one camera";
-    "frames_recovered": count, high, "Capture times with a measured target that min_cameras agree with" => "frames recovered" => "frames recovered" => "frames recovered" => "frames recovered" => "frames recovered";
+    "frames_recovered": count, high, "Capture times with a measured target that min_cameras agree with" => "frames recovered";
     "frames_seen": count, neither, "Capture times with any feature at all";
     "outliers_rejected": count, low, "Features of recovered frames that agree with no recovered target";
     "reprojection.messages_late": count, low, "Messages that came after their frame was settled; not used";

@@ -29,7 +29,7 @@ ports! {
 }
 
 figures! {
-        "head_calibration.heads": count, high, "Heads calibrated" => "heads calibrated" => "heads calibrated";
+        "head_calibration.heads": count, high, "Heads calibrated" => "heads calibrated";
         "head_calibration.light_samples": count, neither, "Times at which exactly one light was measured in the room";
     "head_calibration.*.camera_frames": count, neither, "Pictures of that head's camera with one light";
         "head_calibration.*.several_lights": count, low, "Pictures not used for more than one light";
@@ -39,7 +39,7 @@ figures! {
     "head_calibration.*.settings": count, high, "Different settings of pan and tilt among them";
     "head_calibration.*.{home,aligned,free}_px.median": px, low, "Error of the model with the home position alone, with aligned and with free axes, over all observations";
     "head_calibration.*.{home,aligned,free}_px.rms": px, low, "The same over the observations that the last model accepts";
-        "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at held-out settings" => "error at settings that were held out" => "error at settings that were held out";
+        "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at held-out settings" => "error at settings that were held out";
         "head_calibration.*.wrong": count, low, "Observations left out as gross errors";
     "head_calibration.*.noise_factor": ratio, neither, "Errors of accepted observations over their stated standard deviations; 1 is ideal";
     "head_calibration.*.{pan,tilt}_direction_sigma_deg": deg, low, "Standard deviation of the direction of the axis";
