@@ -26,19 +26,19 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Pages of nodes: what a node sees of the server stands in `node`.
     ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
-    ("plugin", &["messages", "node"]),
+    ("boundary", &["node"]),
+    ("plugin", &["boundary", "messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
     // A simulated projector shows the patterns that a real one would.
     ("sim", &["diagnostics", "estimation", "geometry", "imaging", "messages", "node", "plot", "scene"]),
     ("testkit", &["estimation", "geometry", "laws", "messages", "node", "scene"]),
-    // Nodes that calibrate what moves while a rig runs, such as heads.
+    // Authors of nodes compile against no program: an edit in how rigs are read or run builds no plugin again.
     (
         "foveate",
         &[
-            "calibration",
+            "boundary",
             "diagnostics",
-            "engine",
             "estimation",
             "geometry",
             "imaging",
@@ -46,12 +46,12 @@ const ARROWS: &[(&str, &[&str])] = &[
             "motion",
             "node",
             "plot",
-            "plugin",
-            "rig",
             "scene",
             "time",
         ],
     ),
+    ("embed", &["engine", "node", "plugin", "rig"]),
+    // Three plugins calibrate what they run with: heads, projectors, walls.
     ("capture", &["foveate"]),
     ("led", &["foveate"]),
     ("blob", &["foveate"]),
@@ -59,11 +59,11 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("display", &["foveate"]),
     ("export", &["foveate"]),
     ("painted-mark", &["foveate"]),
-    ("pan-tilt", &["foveate"]),
+    ("pan-tilt", &["calibration", "foveate"]),
     ("select", &["foveate"]),
-    ("structured-light", &["foveate"]),
+    ("structured-light", &["calibration", "foveate"]),
     ("surface", &["foveate"]),
-    ("laser-pointer", &["foveate"]),
+    ("laser-pointer", &["calibration", "foveate"]),
     ("voxel-body", &["foveate"]),
     (
         "cli",
@@ -98,7 +98,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         ],
     ),
     ("tests", &[]),
-    ("examples", &["cli", "foveate"]),
+    ("examples", &["cli", "embed", "foveate"]),
 ];
 
 fn room(package: &str) -> Option<&str> {

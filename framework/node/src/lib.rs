@@ -5,6 +5,7 @@
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
 //! | [`figure`] | the figures that a type declares: name, unit, what is better, one line |
 //! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
+//! | [`given`] | settings as a rig gives them, read into those of a node |
 //! | [`guard`] | what stands around every call of foreign code |
 //! | [`bench`] | runs one node without a rig, for tests |
 //! | [`registry`] | the node types that a program knows, erased |
@@ -17,7 +18,7 @@ pub mod bench;
 pub mod detector;
 pub mod error;
 pub mod figure;
-mod given;
+pub mod given;
 pub mod guard;
 pub mod io;
 pub mod library;

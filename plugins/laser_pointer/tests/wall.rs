@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate::engine::{self, Options};
 use foveate::prelude::Registry;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::data::workspace_root;
 
 /// A rig around the node `what`, before a wall with `settings`.

@@ -1,6 +1,6 @@
 //! Where a pointer was held still: stretches of time in which all cameras that see it see it at one place.
 
-use foveate::calibration::recording::CameraFrame;
+use foveate_calibration::recording::CameraFrame;
 use nalgebra::{Point2, Vector2};
 
 /// While it rests, a spot keeps this near to where it was at first [px].

@@ -1,13 +1,13 @@
 //! Maps of all cameras from a pointer that was held at places of the wall and waved over it: pure.
 //!
 //! Cameras run freely: where each saw the pointer at common moments is interpolated along its path, as the calibration of rooms does it for a waved light
-//! ([`foveate::calibration::clocks::frames`]); what lies on no smooth path, such as reflections, is left out there.
+//! ([`foveate_calibration::clocks::frames`]); what lies on no smooth path, such as reflections, is left out there.
 
-use foveate::calibration::clocks::{FrameOptions, frames};
-use foveate::calibration::recording::Recording;
-use foveate::calibration::solved::ClockFit;
 use foveate::geometry::PlaneMap;
 use foveate::geometry::plane_map::network::{KnownPlace, MomentObservation, PlaneNetwork, fit_network};
+use foveate_calibration::clocks::{FrameOptions, frames};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::solved::ClockFit;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::rests::rests;

@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use foveate::engine::{self, Options, Outcome};
 use foveate::node::Pages;
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options, Outcome};
+use foveate_embed::rig::{self, Overrides};
 use foveate_web::{Counts, Server};
 use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;

@@ -1,6 +1,6 @@
 //! `pan_tilt.calibrator`: finds the axes of heads from a light that the room tracks and their cameras see [Davis 2002 §4.2, (4)].
 //!
-//! While the run lasts it keeps what it hears; at the end it joins light, picture and setting ([`foveate::calibration::head`]), solves for pose
+//! While the run lasts it keeps what it hears; at the end it joins light, picture and setting ([`foveate_calibration::head`]), solves for pose
 //! and axes of each head, holds the paper's three models against each other, and writes a calibration that can take the place of the one
 //! it began with. Where cameras on heads stand need not be known, their optics must be. One light is waved: times at which there are
 //! several in the room or in a picture do not count.
@@ -13,12 +13,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate::calibration::head::{
-    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
-};
 use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
+use foveate_calibration::head::{
+    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
+};
 
 pub use settings::{CalibratorSettings, Carrier, Optics, Units};
 

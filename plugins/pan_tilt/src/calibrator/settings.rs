@@ -1,8 +1,8 @@
 //! What counts when a head is calibrated, and how well it must be held.
 
-use foveate::calibration::head::GatherOptions;
 use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, OpticsRule, Stacking, UnitsRule};
 use foveate::prelude::ConfigError;
+use foveate_calibration::head::GatherOptions;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! A head that is unplugged, silent or garbled: shown, tried again, and the rig goes on.
 
-use foveate::engine::Outcome;
 use foveate::prelude::*;
+use foveate_embed::engine::Outcome;
 
 use crate::parts::{Heard, WIRED, rig_text, run_rig, simulated};
 

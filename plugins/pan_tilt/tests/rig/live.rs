@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use foveate::engine::{self, Options, Outcome};
 use foveate::prelude::*;
+use foveate_embed::engine::{self, Options, Outcome};
 use foveate_sim::head::serve::serve_udp;
 use foveate_sim::head::{HeadSettings, NetworkHead};
 

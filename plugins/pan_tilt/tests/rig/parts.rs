@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use foveate::engine::{self, Options, Outcome};
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options, Outcome};
+use foveate_embed::rig::{self, Overrides};
 use foveate_sim::head::HeadMotion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -172,7 +172,7 @@ pub fn simulated(settings: &str) -> String {
 pub const WIRED: &str = r#"in = { commands = "orders.commands", line = "device.line" }"#;
 
 /// The checked rig, or what is wrong with it.
-pub fn load(text: &str) -> Result<(foveate::rig::graph::Graph, Arc<Mutex<Heard>>), String> {
+pub fn load(text: &str) -> Result<(foveate_embed::rig::graph::Graph, Arc<Mutex<Heard>>), String> {
     let heard: Arc<Mutex<Heard>> = Arc::default();
     let mut registry = Registry::new();
     foveate_sim::register(&mut registry);

@@ -1,4 +1,6 @@
-//! What crosses between a program and a library once the two fit.
+//! The nodes of a plugin, and what crosses between a program and a library of them once the two fit.
+//!
+//! [`plugin!`](crate::plugin) lists the nodes of a crate, which is then linked into a program or built as a shared library by `foveate plugin build`.
 //!
 //! Settings cross as TOML text, which the library parses with its own registry of trait objects (typetag). Every call into the
 //! library comes back with its panics caught, as words: a panic that leaves the image it began in ends the program. Who calls goes on
@@ -6,12 +8,20 @@
 
 use std::any::Any;
 
+use foveate_node::given;
 use foveate_node::guard::guarded;
 use foveate_node::node::Plan;
 use foveate_node::port::Ports;
 use foveate_node::registry::ErasedNode;
 use foveate_node::{ConfigError, Due, Figures, Io, Node, NodeError, Report, Role, Setup};
 use schemars::Schema;
+
+#[doc(hidden)]
+pub use foveate_node as node;
+#[doc(hidden)]
+pub use serde;
+#[doc(hidden)]
+pub use typetag;
 
 /// Something that may panic, with the panic caught.
 pub type Caught<T> = Result<T, String>;
@@ -111,8 +121,12 @@ impl Contents {
 }
 
 /// The TOML of the settings `table` of a node of type `name`.
-pub fn tagged(name: &str, table: toml::Table) -> String {
-    toml::Table::from_iter([(name.to_owned(), toml::Value::Table(table))]).to_string()
+///
+/// # Errors
+/// What TOML cannot hold.
+pub fn tagged(name: &str, table: given::Table) -> Result<String, ConfigError> {
+    let whole = given::Table::from([(name.to_owned(), given::Value::Table(table))]);
+    toml::to_string(&whole).map_err(ConfigError::node)
 }
 
 /// Runs inside the library: its registry of trait objects reads the settings.
@@ -233,4 +247,79 @@ pub const fn is_same(a: &str, b: &str) -> bool {
         at += 1;
     }
     at == a.len() && at == b.len()
+}
+
+/// Lists the nodes of a crate, each under its name in rigs. The crate then has `register(&mut Registry)`, for programs that link it in, and
+/// `LIBRARY`, of which `foveate plugin build` makes a shared library.
+///
+/// ```
+/// # mod finder {
+/// # use foveate_node::*;
+/// # #[derive(Clone, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+/// # #[serde(default, deny_unknown_fields)]
+/// # pub struct FinderSettings { threshold: u8 }
+/// # impl Default for FinderSettings { fn default() -> Self { Self { threshold: 40 } } }
+/// # pub struct Finder;
+/// # impl Node for Finder {
+/// #     const TYPE: &'static str = "star.finder";
+/// #     const ROLE: Role = Role::Detector;
+/// #     const SUMMARY: &'static str = "Finds stars";
+/// #     type Settings = FinderSettings;
+/// #     fn ports() -> Ports { Ports::new() }
+/// #     fn new(_: FinderSettings, _: &Setup) -> Result<Self, ConfigError> { Ok(Self) }
+/// #     fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> { Ok(()) }
+/// # }
+/// # }
+/// # use finder::Finder;
+/// foveate_boundary::plugin! {
+///     "star.finder" => Finder,
+/// }
+/// ```
+#[macro_export]
+macro_rules! plugin {
+    ($($name:literal => $node:ty),+ $(,)?) => {
+        /// Registers the nodes of this crate.
+        pub fn register(registry: &mut $crate::node::Registry) {
+            $(registry.add::<$node>();)+
+        }
+
+        /// The nodes of this crate, for a shared library of them.
+        pub const LIBRARY: $crate::Library = $crate::Library {
+            name: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            describe: || vec![$($crate::Described::of::<$node>()),+],
+        };
+
+        $(const _: () = {
+            use $crate::{serde, typetag};
+
+            assert!(
+                $crate::is_same(<$node as $crate::node::Node>::TYPE, $name),
+                "`plugin!` lists a node under another name than its TYPE"
+            );
+
+            #[derive(serde::Serialize, serde::Deserialize)]
+            #[serde(crate = "serde", transparent)]
+            struct Settings(<$node as $crate::node::Node>::Settings);
+
+            #[typetag::serde(name = $name)]
+            impl $crate::Spec for Settings {
+                fn build(
+                    &self,
+                    setup: &$crate::node::Setup,
+                ) -> Result<Box<dyn $crate::node::registry::ErasedNode>, $crate::node::ConfigError> {
+                    Ok(Box::new(<$node as $crate::node::Node>::new(self.0.clone(), setup)?))
+                }
+                fn plan(&self) -> $crate::node::Plan {
+                    <$node as $crate::node::Node>::plan(&self.0)
+                }
+                fn is_live(&self) -> bool {
+                    <$node as $crate::node::Node>::is_live(&self.0)
+                }
+                fn as_any(&self) -> &dyn ::std::any::Any {
+                    &self.0
+                }
+            }
+        };)+
+    };
 }
