@@ -3,7 +3,7 @@
 //! Eight Gaussian spots (σ 1.6 px, 200 gray levels over 20), noise of 3 gray levels, background table of 32 + 25 for
 //! each pixel. `cargo bench -p foveate-imaging`.
 
-#[path = "../tests/support/scene.rs"]
+#[path = "../tests/it/scene.rs"]
 mod scene;
 
 use std::hint::black_box;

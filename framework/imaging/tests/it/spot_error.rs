@@ -1,8 +1,5 @@
 //! Golden table: how far spot centres are from the truth, by size, brightness and noise, and whether they know it.
 
-#[path = "support/scene.rs"]
-mod scene;
-
 use std::fmt::Write as _;
 
 use foveate_estimation::random::Random;

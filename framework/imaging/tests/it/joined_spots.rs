@@ -1,8 +1,5 @@
 //! Lights that touch another light or a lit patch: parted, and where they then are. Lights by themselves: never parted.
 
-#[path = "support/scene.rs"]
-mod scene;
-
 use foveate_estimation::random::Random;
 use foveate_imaging::{ImageView, Measure, Spot, SpotFinder, SpotLimits, ThresholdMap};
 use nalgebra::Point2;

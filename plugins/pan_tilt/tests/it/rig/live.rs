@@ -10,7 +10,7 @@ use foveate_embed::engine::{self, Options, Outcome};
 use foveate_sim::head::serve::serve_udp;
 use foveate_sim::head::{HeadSettings, NetworkHead};
 
-use crate::parts::{Heard, load, rig_text};
+use super::parts::{Heard, load, rig_text};
 
 /// A machine under load may take its time; without a fault it is over much sooner [s].
 const PATIENCE_S: f64 = 60.0;

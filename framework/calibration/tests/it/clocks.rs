@@ -1,7 +1,6 @@
 //! Rooms of cameras with clocks of their own: offsets found, and what must be refused.
 
-mod waved_light;
-
+use crate::waved_light::Scene;
 use foveate_calibration::clocks::{
     ClockError, ClockOptions, ClockStatus, FrameOptions, PairError, Synchronised, frames, synchronise,
 };
@@ -10,7 +9,6 @@ use foveate_calibration::solved::ClockFit;
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
 use nalgebra::{Point2, Point3, Vector2};
-use waved_light::Scene;
 
 fn circling(time: f64) -> Point3<f64> {
     let phase = std::f64::consts::TAU * time / 2.5;

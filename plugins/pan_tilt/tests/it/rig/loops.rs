@@ -5,7 +5,7 @@ use foveate::prelude::*;
 use foveate::scene::Calibration;
 use foveate_sim::head::{Axes, AxesSettings};
 
-use crate::parts::{Heard, WIRED, load, rig_text, run_rig, simulated};
+use super::parts::{Heard, WIRED, load, rig_text, run_rig, simulated};
 
 /// A head that does not swing, so that its motors stand where its camera looks.
 const RIGID: &str = "vibration_hz = 0";

@@ -1,8 +1,5 @@
 //! Spots against a plain reference, and the pictures that a careless search would stumble over.
 
-#[path = "support/scene.rs"]
-mod scene;
-
 use std::collections::BTreeSet;
 
 use foveate_estimation::random::Random;

@@ -3,7 +3,7 @@
 use foveate::prelude::*;
 use foveate_embed::engine::Outcome;
 
-use crate::parts::{Heard, WIRED, rig_text, run_rig, simulated};
+use super::parts::{Heard, WIRED, rig_text, run_rig, simulated};
 
 /// Runs with a command before, one during and none after a fault from 2 s to 4 s.
 #[track_caller]

@@ -1,13 +1,11 @@
 //! Faults that re-projection does not see are found and named, and nobody else is accused.
 
-mod simulated_room;
-
+use crate::simulated_room::{BAD, FAULTS, Fault, innocent_candidates, is_named, solved, solved_at};
 use foveate_calibration::checks::{Cause, CheckOptions, Checks, LengthSample, Level, check};
 use foveate_calibration::solved::{ClockFit, ObservationRole, Solved, SolvedObservation};
 use foveate_geometry::CameraStatus;
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point3, Vector2};
-use simulated_room::{BAD, FAULTS, Fault, innocent_candidates, is_named, solved, solved_at};
 
 fn checked(solved: &Solved) -> Checks {
     check(solved, None, &CheckOptions::default())

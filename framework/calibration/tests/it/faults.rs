@@ -1,9 +1,7 @@
 //! Faults done to recordings on purpose: the culprit is named with its cause, nobody else is, and no wrong room passes.
 
-mod faulty;
-
-use faulty::faults::Fault;
-use faulty::sets::{self, Set};
+use crate::faulty::faults::Fault;
+use crate::faulty::sets::{self, Set};
 use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{CheckOptions, Checks, Level, check};
 use foveate_calibration::comparison::compare;
