@@ -1,13 +1,14 @@
-//! Figures are declared: the rigs that come with the program report no other, and `docs/figures.md` lists them all.
+//! Figures are declared: the rigs that come with the program report no other, and `foveate figures` explains them all.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use foveate_cli::commands::figures::{self, explain};
+use foveate_cli::commands::nodes;
+use foveate_cli::results::OF_THE_RUN;
 use foveate_engine::{self as engine, Options, Outcome};
-use foveate_node::Figures;
 use foveate_node::figure::{self, Better, FigureSpec};
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Overrides};
@@ -78,7 +79,10 @@ fn shipped_rigs_report_declared_figures_only() {
         let report = &outcome.report;
         assert!(!report.figures.is_empty(), "{}: no figure at all", path.display());
         let undeclared: Vec<_> = report.figures.keys().filter(|it| !report.about.contains_key(*it)).collect();
-        assert!(undeclared.is_empty(), "{}: nobody declares {undeclared:?}", path.display());
+        assert!(undeclared.is_empty(), "{}: {undeclared:?} are not declared", path.display());
+        for (figure, about) in &report.about {
+            assert_eq!(explained(figure), (about.name.to_owned(), about.unit.to_owned()), "{figure}");
+        }
         assert!(report.remarks.iter().all(|it| !it.contains("does not declare")), "{:?}", report.remarks);
         for instance in &graph.instances {
             let n_own = report.origins.values().filter(|it| **it == instance.path).count();
@@ -121,7 +125,7 @@ fn recorded_rigs_report_declared_figures_only() {
         fs::write(&rig, text).unwrap();
         let report = run(rig, 2.0).1.report;
         let undeclared: Vec<_> = report.figures.keys().filter(|it| !report.about.contains_key(*it)).collect();
-        assert!(!report.figures.is_empty() && undeclared.is_empty(), "{name}: nobody declares {undeclared:?}");
+        assert!(!report.figures.is_empty() && undeclared.is_empty(), "{name}: {undeclared:?} are not declared");
     }
 }
 
@@ -159,31 +163,85 @@ fn printed_results_show_a_unit_that_the_name_does_not_say() {
     assert!(!line("gospa_mm").ends_with("mm") && !line("targets_true").ends_with("count"), "{said}");
 }
 
-fn table(text: &mut String, figures: Figures) {
-    *text += "| figure | unit | better | what it counts |\n|---|---|---|---|\n";
-    for it in figures {
-        let better = if it.better == Better::Neither { "" } else { it.better.name() };
-        let _ = writeln!(text, "| `{}` | {} | {better} | {} |", it.name, it.unit, it.line);
-    }
+/// The declared name and unit that an explanation begins with.
+#[track_caller]
+fn explained(query: &str) -> (String, String) {
+    let text = explain(query, &foveate_cli::registry()).unwrap_or_else(|complaint| panic!("{complaint}"));
+    let (name, rest) = text.lines().next().unwrap().split_once("  (").unwrap();
+    (name.to_owned(), rest.trim_end_matches(')').split(',').next().unwrap().to_owned())
 }
 
 #[test]
-fn document_lists_what_is_declared() {
-    let mut text = "# Figures\n\n\
-        What a run measures stands in `summary.json` under these names; `figures_about` there gives unit and what is better, `foveate nodes TYPE` lists those of one node.\n\n\
-        `*` stands for a part that the rig decides, such as a camera's name, `{a,b}` for one of these, `(…)` for a part that may be missing. A figure that a second node gives too is kept\n\
-        as `name[node]`. Units of what has none: `count`; `share`, 0 to 1; `ratio`, any other number; `sigmas`, stated standard deviations. `null`: there was nothing to measure.\n\n\
-        This page is made of the declarations: `UPDATE_GOLDEN=1 cargo test -p foveate-tests --test figures` writes it anew.\n\n\
-        ## The run\n\n"
-        .to_owned();
-    let of_the_run: Vec<_> = foveate_cli::results::OF_THE_RUN.iter().chain(engine::OF_SCALES).copied().collect();
-    let of_the_run: Figures = Box::leak(of_the_run.into_boxed_slice());
-    assert_eq!(figure::check(of_the_run), Ok(()));
-    table(&mut text, of_the_run);
-    for node_type in foveate_cli::registry().iter().filter(|it| !it.figures.is_empty()) {
-        let _ = write!(text, "\n## {}\n\n", node_type.name);
-        table(&mut text, node_type.figures);
-        assert!(node_type.figures.iter().all(|it| !it.line.contains('|')), "{}: `|` ends a cell", node_type.name);
+fn every_declared_figure_is_listed_and_explained() {
+    let registry = foveate_cli::registry();
+    let of_the_run: Vec<_> = OF_THE_RUN.iter().chain(engine::OF_SCALES).copied().collect();
+    assert_eq!(figure::check(Box::leak(of_the_run.clone().into_boxed_slice())), Ok(()));
+    let of_nodes = registry.iter().flat_map(|it| it.figures.iter().map(move |figure| (it.name, *figure)));
+    let listed = figures::list(&registry);
+    let mut n_figures = 0;
+    for (origin, it) in of_the_run.into_iter().map(|it| ("every run", it)).chain(of_nodes) {
+        let group = listed.split("\n\n").find(|group| group.lines().next() == Some(origin)).unwrap();
+        assert!(group.lines().any(|line| line.split_whitespace().next() == Some(it.name)), "{origin}: {}", it.name);
+        let text = explain(it.name, &registry).unwrap();
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let line: Vec<&str> = it.line.split_whitespace().collect();
+        assert!(words.windows(line.len()).any(|window| window == line), "{}: {text}", it.name);
+        let reporters = text.lines().filter_map(|line| line.trim().strip_prefix("reported by "));
+        assert!(reporters.flat_map(|line| line.split(", ")).any(|name| name == origin), "{origin}: {text}");
+        n_figures += 1;
     }
-    foveate_testkit::golden::check("docs/figures.md", &text);
+    assert!(n_figures > 500, "{n_figures}");
+}
+
+#[test]
+fn figures_are_found_by_name_pattern_and_node_type() {
+    let registry = foveate_cli::registry();
+    let names = |query: &str| -> Vec<String> {
+        let text = explain(query, &registry).unwrap_or_else(|complaint| panic!("{complaint}"));
+        let heads = text.lines().take_while(|it| !it.is_empty()).filter(|it| !it.starts_with(' '));
+        heads.map(|it| it.split("  (").next().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names("v4l.drift_ppm.wide-3"), ["v4l.drift_ppm.*"]);
+    assert_eq!(names("c3d.frames[second.c3d]"), ["c3d.frames"]);
+    assert_eq!(names("views_osc.*"), ["views_osc.sent", "views_osc.superseded", "views_osc.failed"]);
+    assert_eq!(names("v4l.latency_ms.m?x.*"), ["v4l.latency_ms.{mean,max}.*"]);
+    let of_type: Vec<&str> = registry.get("capture.v4l").unwrap().figures.iter().map(|it| it.name).collect();
+    assert_eq!(names("capture.v4l"), of_type);
+}
+
+#[test]
+fn an_unknown_figure_is_refused_with_the_nearest_names() {
+    let registry = foveate_cli::registry();
+    for (found, near) in
+        [("gospa", "`gospa_mm`"), ("v4l.frmes.wide-1", "`v4l.frames.*`"), ("messages.lost", "`messages.late`")]
+    {
+        let complaint = explain(found, &registry).unwrap_err();
+        assert!(complaint.contains(near) && complaint.contains(&format!("`{found}`")), "{complaint}");
+    }
+    assert!(!explain("zzz", &registry).unwrap_err().contains("nearest"));
+    assert!(explain("nothing.like.*", &registry).is_err());
+}
+
+#[test]
+fn node_types_are_listed_once_under_their_plugins() {
+    let registry = foveate_cli::registry();
+    let text = nodes::list(&registry);
+    let mut plugins: Vec<&str> = Vec::new();
+    let mut types: Vec<&str> = Vec::new();
+    for line in text.lines().take_while(|it| !it.starts_with('`')).filter(|it| !it.is_empty()) {
+        match line.strip_prefix("  ") {
+            None => {
+                assert!(!plugins.contains(&line), "`{line}` twice");
+                plugins.push(line);
+            }
+            Some(line) => {
+                let (name, summary) = line.split_once(' ').unwrap();
+                assert_eq!(name.split('.').next(), plugins.last().copied());
+                let length = summary.trim().chars().count();
+                assert!((10..=90).contains(&length), "{length} characters: {line}");
+                types.push(name);
+            }
+        }
+    }
+    assert_eq!(types, registry.iter().map(|it| it.name).collect::<Vec<_>>());
 }

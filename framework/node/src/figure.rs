@@ -58,6 +58,11 @@ const IN_NAMES: [(&str, &str); 11] = [
 ];
 
 impl FigureSpec {
+    /// All names that are declared, `{…}` and `(…)` written out and `*` left in them.
+    pub fn names(&self) -> Vec<String> {
+        expand(self.name).unwrap_or_default()
+    }
+
     /// Whether it declares the figure of that name.
     pub fn declares(&self, figure: &str) -> bool {
         expand(self.name).is_ok_and(|patterns| patterns.iter().any(|it| fits(it.as_bytes(), figure.as_bytes())))

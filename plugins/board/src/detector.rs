@@ -58,7 +58,7 @@ pub struct Detector {
 impl Node for Detector {
     const TYPE: &'static str = "board.detector";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds the corners of a chessboard in the pictures of one camera";
+    const SUMMARY: &'static str = "Finds chessboard corners in the pictures of one camera";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BoardSettings;
 

@@ -208,7 +208,7 @@ impl CaptureMotion {
 impl Node for CaptureMotion {
     const TYPE: &'static str = "capture.motion";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads targets and marks from a motion file: C3D, TRC, BVH, our own tables, NPZ";
+    const SUMMARY: &'static str = "Reads targets and marks from a motion file: C3D, TRC, BVH, CSV tables or NPZ";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CaptureMotionSettings;
 

@@ -197,7 +197,7 @@ impl V4l {
 impl Node for V4l {
     const TYPE: &'static str = "capture.v4l";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads a camera of this machine (Video4Linux)";
+    const SUMMARY: &'static str = "Reads a camera of this machine (Video4Linux, Linux only)";
     const LIVE: bool = true;
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = V4lSettings;

@@ -81,7 +81,7 @@ impl Node for TilePage {
     const TYPE: &'static str = "display.page";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "A page for one tile of a head-tracked display, which draws a box behind it for the eye's place";
+        "Serves the page of one display tile, which draws a box behind it for the viewer's eye";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TilePageSettings;
 

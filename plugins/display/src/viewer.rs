@@ -8,7 +8,7 @@
 
 mod doubts;
 
-use foveate::estimation::{Predictor, PredictorOptions, Way};
+use foveate::estimation::{PredictionMethod, Predictor, PredictorOptions};
 use foveate::geometry::Screen;
 use foveate::prelude::*;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
@@ -227,7 +227,7 @@ impl Node for Viewer {
     const TYPE: &'static str = "display.viewer";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str =
-        "From the lights on a head to a frustum for each eye and tile, at the moment at which the picture is seen";
+        "Computes a frustum for each eye and tile from a tracked head, predicted to display time";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ViewerSettings;
 
@@ -263,12 +263,12 @@ impl Node for Viewer {
             tiles.push(Tile { name: it.name.clone(), size_px: it.size_px, corners, screen, n_behind: 0 });
         }
         let lights: Vec<Point3<f64>> = settings.lights_mm.iter().map(|it| Point3::from(*it) * 1e-3).collect();
-        let way = match settings.foretell {
-            Foretell::Still => Way::Still,
-            Foretell::Velocity => Way::Velocity,
-            Foretell::Weighted => Way::Weighted,
+        let method = match settings.foretell {
+            Foretell::Still => PredictionMethod::Still,
+            Foretell::Velocity => PredictionMethod::Velocity,
+            Foretell::Weighted => PredictionMethod::Weighted,
         };
-        let predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
+        let predictor = Predictor::new(PredictorOptions { method, ..PredictorOptions::default() });
         let normal: Vector3<f64> = tiles.iter().map(|it| it.screen.normal()).sum();
         let (tolerance, start) = (settings.tolerance_mm * 1e-3, looking_against(&normal));
         Ok(Self {

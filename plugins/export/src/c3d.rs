@@ -269,8 +269,7 @@ figures! {
 impl Node for ExportC3d {
     const TYPE: &'static str = "export.c3d";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes targets and marks as C3D: millimetres, residuals, camera masks, missing points, events";
+    const SUMMARY: &'static str = "Writes targets and marks as C3D, with residuals, camera masks, gaps and events";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportC3dSettings;
 

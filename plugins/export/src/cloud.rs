@@ -78,7 +78,7 @@ pub struct ExportCloud {
 impl Node for ExportCloud {
     const TYPE: &'static str = "export.cloud";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes point clouds as PLY, GLB, and range, normal and shaded pictures";
+    const SUMMARY: &'static str = "Writes point clouds as PLY and GLB, with range, normal and shaded pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportCloudSettings;
 

@@ -95,7 +95,7 @@ impl ExportFeatures {
 impl Node for ExportFeatures {
     const TYPE: &'static str = "export.features";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes 2D detections into a CSV table that capture.detections reads";
+    const SUMMARY: &'static str = "Writes 2D detections to a CSV table that `capture.detections` reads";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportFeaturesSettings;
 

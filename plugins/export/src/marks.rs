@@ -86,7 +86,7 @@ impl Node for ExportMarks {
     const TYPE: &'static str = "export.marks";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Writes painted marks into a CSV table: in the head's space and in the world, covariance, cameras, how";
+        "Writes painted marks to a CSV table: scale and world coordinates, covariance, cameras";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportMarksSettings;
 

@@ -122,8 +122,7 @@ figures! {
 impl Node for ExportNpy {
     const TYPE: &'static str = "export.npy";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras, how";
+    const SUMMARY: &'static str = "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportNpySettings;
 

@@ -150,8 +150,7 @@ impl ExportOverlay {
 impl Node for ExportOverlay {
     const TYPE: &'static str = "export.overlay";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes some pictures of a camera as PNG, with the points ringed that were found in them";
+    const SUMMARY: &'static str = "Writes camera pictures as PNG, with the detected points ringed";
     type Settings = ExportOverlaySettings;
 
     fn ports() -> Ports {

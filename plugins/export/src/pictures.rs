@@ -106,7 +106,7 @@ impl ExportPictures {
 impl Node for ExportPictures {
     const TYPE: &'static str = "export.pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws where targets went, when, and how many cameras saw them, as SVG figures";
+    const SUMMARY: &'static str = "Draws the paths of targets, and how many cameras saw them over time (SVG)";
     type Settings = ExportPicturesSettings;
 
     fn ports() -> Ports {

@@ -186,7 +186,7 @@ fn to_world(spaces: Option<&Spaces>, time: Time, (position, covariance): &Place)
 impl Node for ExportTargets {
     const TYPE: &'static str = "export.targets";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets into a CSV table: time, position, covariance, cameras, how";
+    const SUMMARY: &'static str = "Writes targets to a CSV table: time, position, covariance, cameras, provenance";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTargetsSettings;
 

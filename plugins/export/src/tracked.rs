@@ -113,7 +113,7 @@ impl Node for ExportTracked {
     const TYPE: &'static str = "export.tracked";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Writes followed points of a surface into a CSV table: place, covariance, velocity, acceleration, ends";
+        "Writes tracked surface points to a CSV table: position, covariance, velocity, acceleration";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTrackedSettings;
 

@@ -162,7 +162,7 @@ figures! {
 impl Node for ExportTrc {
     const TYPE: &'static str = "export.trc";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim: millimetres, missing points left empty";
+    const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim, in millimetres";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTrcSettings;
 

@@ -101,7 +101,7 @@ pub struct ExportVoxelOverlay {
 impl Node for ExportVoxelOverlay {
     const TYPE: &'static str = "export.voxel_overlay";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes pictures of a camera as PNG, with silhouettes and voxels drawn over them";
+    const SUMMARY: &'static str = "Writes camera pictures as PNG, with silhouettes and voxels drawn over them";
     type Settings = ExportVoxelOverlaySettings;
 
     fn ports() -> Ports {

@@ -145,7 +145,8 @@ pub struct Events {
 impl Node for Events {
     const TYPE: &'static str = "laser_pointer.events";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Says what pointers on a wall do: press, move, hover, dwell, release, strokes; without jitter, each with its latency";
+    const SUMMARY: &'static str =
+        "Turns pointers into events with latency: press, move, hover, dwell, release, strokes";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = EventSettings;
 

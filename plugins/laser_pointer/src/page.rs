@@ -72,8 +72,7 @@ pub struct DrawingPage {
 impl Node for DrawingPage {
     const TYPE: &'static str = "laser_pointer.page";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Shows strokes and pointers on a page in browsers, and sends them to programs as JSON over a WebSocket";
+    const SUMMARY: &'static str = "Shows strokes in browsers, and sends them to programs as JSON over a WebSocket";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PageSettings;
 

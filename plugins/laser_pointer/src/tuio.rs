@@ -106,7 +106,7 @@ struct Session {
 impl Node for Tuio {
     const TYPE: &'static str = "laser_pointer.tuio";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Sends pointers on a wall to TUIO 1.1 clients, over OSC and UDP";
+    const SUMMARY: &'static str = "Sends pointers on a wall to TUIO 1.1 clients over OSC and UDP";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TuioSettings;
 

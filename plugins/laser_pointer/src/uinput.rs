@@ -185,8 +185,7 @@ pub struct Uinput {
 impl Node for Uinput {
     const TYPE: &'static str = "laser_pointer.uinput";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Makes pointers on a wall a touch screen or a mouse of Linux, for every program on the desktop";
+    const SUMMARY: &'static str = "Turns pointers into a touch screen or mouse of this desktop (uinput, Linux only)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = UinputSettings;
 

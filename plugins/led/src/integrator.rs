@@ -86,7 +86,7 @@ pub struct Integrator {
 impl Node for Integrator {
     const TYPE: &'static str = "led.integrator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Joins the lights that cameras see, each in its own time, into targets in space";
+    const SUMMARY: &'static str = "Tracks lights in space from the features of all cameras, each in its own time";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = IntegratorSettings;
 

@@ -243,7 +243,7 @@ impl Node for TriangulatorNode {
     const TYPE: &'static str = "led.triangulator";
     const ROLE: Role = Role::Integrator;
     const SUMMARY: &'static str =
-        "Meets the lines of sight of synchronised cameras, without a motion model: for comparison";
+        "Triangulates lights from synchronised cameras without a motion model, for comparison";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 

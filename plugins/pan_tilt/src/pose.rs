@@ -100,7 +100,7 @@ impl Node for Pose {
     const TYPE: &'static str = "pan_tilt.pose";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str =
-        "Where a camera on a head stood at each picture: from commands, answers and the head's latency";
+        "Computes the pose of a head's camera at each picture from commands, answers and latency";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PoseSettings;
 

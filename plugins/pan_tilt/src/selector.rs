@@ -59,7 +59,7 @@ struct Counts {
 impl Node for Selector {
     const TYPE: &'static str = "pan_tilt.selector";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it, aims, and leads the head";
+    const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it and compensates the head's latency";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ControlSettings;
 

@@ -83,7 +83,8 @@ struct Tally {
 impl Node for Crop {
     const TYPE: &'static str = "select.crop";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Follows a target with a part of each picture, and gives the whole made smaller";
+    const SUMMARY: &'static str =
+        "Cuts a window that follows a target out of each picture, and reduces the whole picture";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CropSettings;
 

@@ -58,8 +58,7 @@ struct Tally {
 impl Node for Gate {
     const TYPE: &'static str = "select.gate";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str =
-        "Lets through what a camera gives while it is among the chosen ones, and a look now and then";
+    const SUMMARY: &'static str = "Passes on a camera's pictures while it is chosen, and every n-th otherwise";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = GateSettings;
 

@@ -140,7 +140,8 @@ pub struct Boundaries {
 impl Node for Boundaries {
     const TYPE: &'static str = "structured_light.boundaries";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Tracks boundaries of projected stripes on what moves, and finds where in the projector a camera sees light from";
+    const SUMMARY: &'static str =
+        "Matches camera to projector on moving objects by tracking projected stripe boundaries";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BoundariesSettings;
 

@@ -98,8 +98,7 @@ pub struct Collector {
 impl Node for Collector {
     const TYPE: &'static str = "structured_light.collector";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Gathers the pictures of a set of projected patterns, and refuses sets in which something moved";
+    const SUMMARY: &'static str = "Collects the pictures of a pattern set, and refuses sets in which something moved";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CollectorSettings;
 

@@ -78,7 +78,7 @@ pub struct Corners {
 impl Node for Corners {
     const TYPE: &'static str = "structured_light.corners";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds the corners of a chessboard in camera and projector";
+    const SUMMARY: &'static str = "Finds chessboard corners in the camera and in the projector";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CornersSettings;
 

@@ -116,7 +116,7 @@ pub struct Decoder {
 impl Node for Decoder {
     const TYPE: &'static str = "structured_light.decoder";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds where in the projector each pixel of a camera is lit from";
+    const SUMMARY: &'static str = "Decodes pattern sets: which projector position lights each camera pixel";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = DecoderSettings;
 

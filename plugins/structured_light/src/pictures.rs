@@ -68,7 +68,7 @@ pub struct Pictures {
 impl Node for Pictures {
     const TYPE: &'static str = "structured_light.pictures";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads sets of pictures of projected patterns, a folder each";
+    const SUMMARY: &'static str = "Reads sets of pictures of projected patterns, one folder per set";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PicturesSettings;
 

@@ -69,7 +69,7 @@ pub struct Points {
 impl Node for Points {
     const TYPE: &'static str = "structured_light.points";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Numbers points of what stands in a projector's light, in cameras and projector, to calibrate them without a board";
+    const SUMMARY: &'static str = "Matches scene points between cameras and projector, to calibrate without a board";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PointsSettings;
 

@@ -127,8 +127,7 @@ pub struct Projector {
 impl Node for Projector {
     const TYPE: &'static str = "structured_light.projector";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "Shows striped patterns on a projector, full screen in a browser, and says when each was shown";
+    const SUMMARY: &'static str = "Shows striped patterns full screen in a browser, and reports when each was shown";
     const LIVE: bool = true;
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ProjectorSettings;

@@ -132,8 +132,7 @@ pub struct Triangulator {
 impl Node for Triangulator {
     const TYPE: &'static str = "structured_light.triangulator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
+    const SUMMARY: &'static str = "Triangulates camera and projector to a point cloud with covariances and normals";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 

@@ -49,7 +49,7 @@ pub struct CylinderFit {
 impl Node for CylinderFit {
     const TYPE: &'static str = "surface.cylinder";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Fits a cylinder to each cloud and says how far and how rough its points are";
+    const SUMMARY: &'static str = "Fits a cylinder to each point cloud, and reports deviations and roughness";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CylinderSettings;
 

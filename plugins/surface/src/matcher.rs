@@ -50,7 +50,7 @@ const MOST_FAULTS: usize = 5;
 impl Node for Matcher {
     const TYPE: &'static str = "surface.matcher";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Measures a textured surface densely by least squares matching between views";
+    const SUMMARY: &'static str = "Measures a textured surface densely by least-squares matching between views";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceSettings;
 

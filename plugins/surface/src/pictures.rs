@@ -62,7 +62,7 @@ pub struct Pictures {
 impl Node for Pictures {
     const TYPE: &'static str = "surface.pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws the trajectories and the vector field of a tracked surface";
+    const SUMMARY: &'static str = "Draws the trajectories and the velocity field of a tracked surface";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PicturesSettings;
 

@@ -73,8 +73,7 @@ pub struct TargetDetector {
 impl Node for TargetDetector {
     const TYPE: &'static str = "surface.target";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str =
-        "Finds a target of numbered columns of dark rectangles, such as those around a cylinder";
+    const SUMMARY: &'static str = "Finds numbered columns of dark rectangles, such as those of a calibration cylinder";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TargetSettings;
 

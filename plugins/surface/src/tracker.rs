@@ -208,7 +208,7 @@ struct Step {
 impl Node for Tracker {
     const TYPE: &'static str = "surface.tracker";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Follows the points of a textured surface in time and between views, without markers";
+    const SUMMARY: &'static str = "Tracks points of a textured surface in time and between views, without markers";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 

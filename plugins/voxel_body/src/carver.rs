@@ -146,7 +146,7 @@ struct Totals {
 impl Node for Carver {
     const TYPE: &'static str = "voxel_body.carver";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Carves the voxels that the silhouettes of all cameras leave over";
+    const SUMMARY: &'static str = "Carves voxels from the silhouettes of all cameras (visual hull)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CarverSettings;
 

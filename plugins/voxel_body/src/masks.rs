@@ -62,7 +62,7 @@ pub struct Masks {
 impl Node for Masks {
     const TYPE: &'static str = "voxel_body.masks";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Takes pictures of masks, which another program made, for silhouettes";
+    const SUMMARY: &'static str = "Reads mask pictures of another program as silhouettes";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = MasksSettings;
 

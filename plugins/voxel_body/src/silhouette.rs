@@ -83,8 +83,7 @@ struct Tally {
 impl Node for SilhouetteNode {
     const TYPE: &'static str = "voxel_body.silhouette";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str =
-        "Tells the pixels of a body from background, shadow and highlight in the pictures of one camera";
+    const SUMMARY: &'static str = "Separates a body from background, shadow and highlight in one camera's pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SilhouetteSettings;
 

@@ -43,7 +43,7 @@ pub struct Recorder(Shared);
 impl Node for Recorder {
     const TYPE: &'static str = "calibrate.recorder";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Hands features to `foveate calibrate`, which adds it to a rig by itself";
+    const SUMMARY: &'static str = "Passes features to `foveate calibrate`, which adds this node by itself";
     type Settings = RecorderSettings;
 
     fn ports() -> Ports {

@@ -292,7 +292,7 @@ pub struct Detector(Process);
 impl Node for Detector {
     const TYPE: &'static str = "process.detector";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds points in pictures in a process of its own, in any language";
+    const SUMMARY: &'static str = "Finds points in pictures with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {
@@ -322,7 +322,7 @@ pub struct Filter(Process);
 impl Node for Filter {
     const TYPE: &'static str = "process.filter";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Filters targets in a process of its own, in any language";
+    const SUMMARY: &'static str = "Filters targets with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {
@@ -347,7 +347,7 @@ pub struct Pictures(Process);
 impl Node for Pictures {
     const TYPE: &'static str = "process.pictures";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Works on pictures in a process of its own, in any language";
+    const SUMMARY: &'static str = "Processes pictures with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {

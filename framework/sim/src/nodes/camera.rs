@@ -49,7 +49,7 @@ struct Scene {
 impl Node for SimCamera {
     const TYPE: &'static str = "sim.camera";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A camera in a simulated world: fields with LEDs, clutter, noise, in its own time";
+    const SUMMARY: &'static str = "A simulated camera: video fields with LEDs, clutter and noise, on its own clock";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = CameraSettings;
 

@@ -63,7 +63,7 @@ impl Node for DisplayScore {
     const TYPE: &'static str = "sim.display_score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "How far a head-tracked display draws things from where the true eyes should see them";
+        "Measures how far a head-tracked display draws things from where the eyes should see them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = DisplayScoreSettings;
 

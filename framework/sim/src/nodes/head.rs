@@ -80,7 +80,7 @@ pub struct SimHead {
 impl Node for SimHead {
     const TYPE: &'static str = "sim.head";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A simulated pan-tilt head: mechanics, VISCA, its line, and faults on demand";
+    const SUMMARY: &'static str = "A simulated pan-tilt head: mechanics, VISCA, serial line, and faults on demand";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SimHeadSettings;
 

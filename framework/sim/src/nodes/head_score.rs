@@ -79,7 +79,7 @@ impl Node for HeadScore {
     const TYPE: &'static str = "sim.head_score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "How far a target is from the middle of the pictures of simulated heads, and how well their poses are known";
+        "Measures how far targets are from the centres of head pictures, and errors of head poses";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = HeadScoreSettings;
 

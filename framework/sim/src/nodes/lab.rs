@@ -44,7 +44,7 @@ pub struct Lab {
 impl Node for Lab {
     const TYPE: &'static str = "sim.lab";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A simulated lab: people with LEDs, clutter, and the truth about the LEDs";
+    const SUMMARY: &'static str = "A simulated lab: people with LEDs, clutter, and the true positions of the LEDs";
     type Settings = SceneSettings;
 
     fn ports() -> Ports {

@@ -107,7 +107,7 @@ pub struct MarkScore {
 impl Node for MarkScore {
     const TYPE: &'static str = "sim.mark_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, what was filled in";
+    const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, filled-in marks";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = MarkScoreSettings;
 

@@ -23,8 +23,7 @@ pub struct SimProjector {
 impl Node for SimProjector {
     const TYPE: &'static str = "sim.projector";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "A simulated projector: shows sets of striped patterns, with gamma, blur and a latency";
+    const SUMMARY: &'static str = "A simulated projector: shows striped patterns, with gamma, blur and latency";
     type Settings = ProjectorSettings;
 
     fn ports() -> Ports {

@@ -110,8 +110,7 @@ impl SimRider {
 impl Node for SimRider {
     const TYPE: &'static str = "sim.rider";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "An ideal detector on a rig of cameras that one light of a simulated person carries about";
+    const SUMMARY: &'static str = "An ideal LED detector for cameras that move with one light of a simulated person";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = RiderSettings;
 

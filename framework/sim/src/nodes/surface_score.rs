@@ -64,8 +64,7 @@ pub struct SurfaceScore {
 impl Node for SurfaceScore {
     const TYPE: &'static str = "sim.surface_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Compares a joined surface with the true one: depth, completeness, drift of its clouds";
+    const SUMMARY: &'static str = "Compares a fused surface with the true one: depth, completeness, drift";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceScoreSettings;
 

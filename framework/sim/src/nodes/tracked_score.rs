@@ -81,7 +81,7 @@ pub struct TrackedScore {
 impl Node for TrackedScore {
     const TYPE: &'static str = "sim.tracked_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares tracked points of a surface with where skin and cloth truly are";
+    const SUMMARY: &'static str = "Compares tracked surface points with the true points of skin and cloth";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackedScoreSettings;
 

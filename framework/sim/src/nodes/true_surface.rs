@@ -72,7 +72,7 @@ pub struct TrueSurface {
 impl Node for TrueSurface {
     const TYPE: &'static str = "sim.true_surface";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Points of the simulated skin and cloth where they truly are, without pictures";
+    const SUMMARY: &'static str = "True positions of points on simulated skin and cloth, without pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrueSurfaceSettings;
 

@@ -28,8 +28,7 @@ pub struct SimWall {
 impl Node for SimWall {
     const TYPE: &'static str = "sim.wall";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "A simulated wall of displays: contents that move, and the spots of people's laser pointers";
+    const SUMMARY: &'static str = "A simulated wall of displays with moving contents and the spots of laser pointers";
     type Settings = WallSettings;
 
     fn ports() -> Ports {

@@ -64,8 +64,7 @@ pub struct SimWallObserver {
 impl Node for SimWallObserver {
     const TYPE: &'static str = "sim.wall_observer";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "An ideal detector before a simulated wall: features with noise and misses, no pictures";
+    const SUMMARY: &'static str = "An ideal spot detector before the simulated wall: noise and misses, no pictures";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = WallObserverSettings;
 

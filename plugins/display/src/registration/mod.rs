@@ -176,7 +176,7 @@ impl Node for Registration {
     const TYPE: &'static str = "display.registration";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Where a wall of displays stands in the room, by a light that is held at its corners or by dots that it shows";
+        "Measures where a wall of displays is, from a light at its corners or from dots it shows";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = RegistrationSettings;
 

@@ -66,7 +66,7 @@ pub struct ExportBodies {
 impl Node for ExportBodies {
     const TYPE: &'static str = "export.bodies";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes skeletons as a table, as BVH and as skinned shapes (GLB)";
+    const SUMMARY: &'static str = "Writes skeletons as a table, as BVH and as skinned meshes (GLB)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportBodiesSettings;
 

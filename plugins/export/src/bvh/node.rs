@@ -224,7 +224,7 @@ figures! {
 impl Node for ExportBvh {
     const TYPE: &'static str = "export.bvh";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes the body that eight targets sit on as a skeleton that moves (BVH)";
+    const SUMMARY: &'static str = "Writes the body that eight lights are worn on as an animated skeleton (BVH)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportBvhSettings;
 

@@ -75,7 +75,7 @@ figures! {
 impl Node for ExportGltf {
     const TYPE: &'static str = "export.gltf";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets, a mesh over the marks and cameras as an animated glTF scene (GLB)";
+    const SUMMARY: &'static str = "Writes targets, marks (as a mesh) and cameras as an animated glTF scene (GLB)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportGltfSettings;
 

@@ -55,7 +55,7 @@ pub struct ExportMarkPictures {
 impl Node for ExportMarkPictures {
     const TYPE: &'static str = "export.mark_pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws painted marks: their way, their distances, what was filled in, as SVG figures";
+    const SUMMARY: &'static str = "Draws paths and distances of painted marks, and which were filled in (SVG)";
     type Settings = ExportMarkPicturesSettings;
 
     fn ports() -> Ports {

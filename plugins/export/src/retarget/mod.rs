@@ -98,7 +98,7 @@ fn read_bvh(setup: &Setup, setting: &str, path: &str) -> Result<SkeletonMotion, 
 impl Node for ExportRetarget {
     const TYPE: &'static str = "export.retarget";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes the motion of a body for another skeleton, a BVH or a GLB rig";
+    const SUMMARY: &'static str = "Writes the motion of a body for another skeleton, a BVH or GLB rig";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportRetargetSettings;
 

@@ -92,8 +92,7 @@ pub struct ExportSurface {
 impl Node for ExportSurface {
     const TYPE: &'static str = "export.surface";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes the surface of a run, or each, as PLY and GLB, and a range and a shaded picture of it";
+    const SUMMARY: &'static str = "Writes surfaces as PLY and GLB, with range and shaded pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportSurfaceSettings;
 

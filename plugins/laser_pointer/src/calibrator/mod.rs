@@ -116,8 +116,7 @@ pub struct Calibrator {
 impl Node for Calibrator {
     const TYPE: &'static str = "laser_pointer.calibrator";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Maps cameras to a wall by dots or a chessboard that it shows, and says how good the maps are";
+    const SUMMARY: &'static str = "Maps cameras to a wall from dots or a chessboard on it, and rates the maps";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 

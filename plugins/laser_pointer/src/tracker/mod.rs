@@ -64,7 +64,7 @@ pub struct Tracker {
 impl Node for Tracker {
     const TYPE: &'static str = "laser_pointer.tracker";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Tracks laser pointers on a wall, from the spots that several cameras find";
+    const SUMMARY: &'static str = "Tracks laser pointers on a wall from the spots that several cameras find";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 

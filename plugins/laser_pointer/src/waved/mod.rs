@@ -110,7 +110,7 @@ impl Node for WaveCalibrator {
     const TYPE: &'static str = "laser_pointer.wave_calibrator";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Maps cameras to a wall from nothing, by a pointer held at its corners and waved where their views overlap";
+        "Maps cameras to a wall from a pointer held at its corners and waved where views overlap";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = WaveCalibratorSettings;
 

@@ -121,7 +121,7 @@ pub struct CameraWatch {
 impl Node for CameraWatch {
     const TYPE: &'static str = "led.camera_watch";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Tells when a camera was bumped, and by how much, from ordinary tracking";
+    const SUMMARY: &'static str = "Detects during ordinary tracking that a camera was bumped, and by how much";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CameraWatchSettings;
 

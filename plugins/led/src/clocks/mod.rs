@@ -115,7 +115,7 @@ pub struct ClocksNode {
 impl Node for ClocksNode {
     const TYPE: &'static str = "led.clocks";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Finds offset and rate of each camera's clock from the path of one target";
+    const SUMMARY: &'static str = "Estimates offset and rate of each camera's clock from the path of one target";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ClocksSettings;
 

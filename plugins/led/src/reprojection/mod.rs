@@ -59,7 +59,7 @@ pub struct Reprojection {
 impl Node for Reprojection {
     const TYPE: &'static str = "led.reprojection";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares recovered targets with what the cameras saw at the same time, in pixels";
+    const SUMMARY: &'static str = "Compares recovered targets with the features of the cameras, in pixels";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ReprojectionSettings;
 

@@ -112,7 +112,7 @@ impl Observations {
 impl Node for Integrator {
     const TYPE: &'static str = "painted_mark.integrator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Painted marks in space, from all cameras at once or the best pair; names marks";
+    const SUMMARY: &'static str = "Recovers painted marks in space from all cameras or the best pair, and names them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = IntegratorSettings;
 

@@ -98,7 +98,7 @@ struct Tally {
 impl Node for Shape {
     const TYPE: &'static str = "painted_mark.shape_model";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Fits a model of a face or knee to marks: pose and shape, hidden marks filled";
+    const SUMMARY: &'static str = "Fits a shape model of a face or knee to marks, and fills in hidden marks";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ShapeSettings;
 

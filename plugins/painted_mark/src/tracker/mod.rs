@@ -62,7 +62,7 @@ impl Node for TrackerNode {
     const TYPE: &'static str = "painted_mark.tracker";
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str =
-        "Follows painted marks in the pictures of one camera, chosen by hand or found by themselves";
+        "Tracks painted marks in one camera's pictures, chosen by hand or found automatically";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 

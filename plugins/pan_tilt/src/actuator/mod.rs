@@ -90,7 +90,7 @@ enum Way {
 impl Node for Actuator {
     const TYPE: &'static str = "pan_tilt.head";
     const ROLE: Role = Role::Actuator;
-    const SUMMARY: &'static str = "Drives a pan-tilt head that speaks VISCA, and reports where it looks";
+    const SUMMARY: &'static str = "Drives a pan-tilt head that speaks VISCA, and reports its angles";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ActuatorSettings;
 

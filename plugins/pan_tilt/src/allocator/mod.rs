@@ -35,7 +35,7 @@ pub struct AllocatorNode {
 impl Node for AllocatorNode {
     const TYPE: &'static str = "pan_tilt.allocator";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Gives each of several targets the pan-tilt heads that look at it best together";
+    const SUMMARY: &'static str = "Assigns to each of several targets the pan-tilt heads that see it best together";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = AllocatorSettings;
 

@@ -87,7 +87,7 @@ struct Counts {
 impl Node for Calibrator {
     const TYPE: &'static str = "pan_tilt.calibrator";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Finds the axes of pan-tilt heads from a tracked light that their cameras see";
+    const SUMMARY: &'static str = "Calibrates the axes of pan-tilt heads from a tracked light that their cameras see";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 

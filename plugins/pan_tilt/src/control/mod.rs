@@ -9,13 +9,13 @@
 //!
 //! A command given at t takes effect at T = t + latency. Where the head will be at T, and how fast it will turn, follows from the commands it was given; where it
 //! should be at T and at the moments at which the next commands take effect, from the predictor. Of the commands that the head knows the one is given after
-//! which a model of it is nearest to these: [`follow`](fn@follow).
+//! which a model of it is nearest to these: [`track_path`](fn@track_path).
 
 mod settings;
 #[cfg(test)]
 mod tests;
 
-use foveate::estimation::actuator::{Ability, Order, follow};
+use foveate::estimation::actuator::{MotorLimits, Order, track_path};
 use foveate::estimation::{ActuatorEstimator, Predictor};
 use foveate::geometry::pan_tilt::{Aim, PanTiltHead, Setting, Unreachable, aim, aim_at_sphere};
 use foveate::prelude::{HeadEvent, HeadOrder, HeadReport, Target, Time};
@@ -160,8 +160,8 @@ impl HeadController {
         let acceleration = self.actuator.acceleration();
         let orders = [0, 1].map(|axis| {
             let most_speed = max_speed_deg_per_s[axis].to_radians();
-            let ability = Ability { acceleration, most_speed, speeds: speeds[axis] };
-            follow([head.angles[axis], head.rates[axis]], &ability, &path.map(|it| it[axis]), period_s)
+            let limits = MotorLimits { acceleration, max_speed: most_speed, speeds: speeds[axis] };
+            track_path([head.angles[axis], head.rates[axis]], &limits, &path.map(|it| it[axis]), period_s)
         });
         // What hardly moves is gone to, smoothed, and not past.
         let goals = if pace < still { there } else { orders.map(|it| it[0]) };

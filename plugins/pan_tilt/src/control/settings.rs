@@ -1,6 +1,6 @@
 //! How a head follows its target.
 
-use foveate::estimation::{ActuatorOptions, PredictorOptions, Way};
+use foveate::estimation::{ActuatorOptions, PredictionMethod, PredictorOptions};
 use foveate::prelude::ConfigError;
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -171,18 +171,18 @@ impl ControlSettings {
     }
 
     pub(super) fn predictor_options(&self, eye: Point3<f64>) -> PredictorOptions {
-        let way = match self.predictor {
-            PredictorKind::None => Way::Still,
-            PredictorKind::Velocity => Way::Velocity,
-            PredictorKind::Damped => Way::Damped,
-            PredictorKind::Slowing => Way::Slowing,
-            PredictorKind::Acceleration => Way::Acceleration,
-            PredictorKind::Interacting => Way::Interacting,
-            PredictorKind::Linear => Way::Linear,
-            PredictorKind::Cautious => Way::Cautious,
-            PredictorKind::Weighted => Way::Weighted,
+        let method = match self.predictor {
+            PredictorKind::None => PredictionMethod::Still,
+            PredictorKind::Velocity => PredictionMethod::Velocity,
+            PredictorKind::Damped => PredictionMethod::Damped,
+            PredictorKind::Slowing => PredictionMethod::Slowing,
+            PredictorKind::Acceleration => PredictionMethod::Acceleration,
+            PredictorKind::Interacting => PredictionMethod::Interacting,
+            PredictorKind::Linear => PredictionMethod::Linear,
+            PredictorKind::Cautious => PredictionMethod::Cautious,
+            PredictorKind::Weighted => PredictionMethod::Weighted,
         };
-        PredictorOptions { way, eye: Some(eye), ..PredictorOptions::default() }
+        PredictorOptions { method, eye: Some(eye), ..PredictorOptions::default() }
     }
 
     pub(super) fn actuator_options(&self) -> ActuatorOptions {

@@ -61,7 +61,8 @@ const ADVICE_EVERY: Interval = Interval(1_000_000_000);
 impl Node for SweepNode {
     const TYPE: &'static str = "pan_tilt.sweep";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Drives a head over settings for its calibration, and says where the light is wanted";
+    const SUMMARY: &'static str =
+        "Drives a head through the settings of its calibration, and says where to hold the light";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SweepSettings;
 

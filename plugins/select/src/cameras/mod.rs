@@ -33,7 +33,7 @@ pub struct CamerasNode {
 impl Node for CamerasNode {
     const TYPE: &'static str = "select.cameras";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Says which of many fixed cameras see the targets best together";
+    const SUMMARY: &'static str = "Chooses the fixed cameras that together see the targets best";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CamerasSettings;
 

@@ -183,8 +183,7 @@ struct Placed {
 impl Node for JoinedSurface {
     const TYPE: &'static str = "structured_light.surface";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Registers point clouds of a thing that may move to each other, and fuses them into one surface of triangles";
+    const SUMMARY: &'static str = "Registers point clouds of an object that may move, and fuses them into one mesh";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceSettings;
 

@@ -178,8 +178,7 @@ pub struct BodyTrackerNode {
 impl Node for BodyTrackerNode {
     const TYPE: &'static str = "voxel_body.tracker";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str =
-        "Finds bodies of ten parts in voxels and follows them, with as much detail as the voxels show";
+    const SUMMARY: &'static str = "Fits bodies of ten parts to voxels and tracks them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BodyTrackerSettings;
 

@@ -1,8 +1,9 @@
-//! Which order keeps a motor nearest to a path: model predictive control over the next orders' time.
+//! Model predictive control of a motor along a path.
 //!
-//! A motor that can only speed up and brake so fast is behind after every change of the path's speed, and ahead of it when it has caught up too eagerly. So each order that
-//! might be given is tried on a model of the motor, as if it were the only one for a while, and the one is taken after which the motor was nearest to the
-//! path in the mean square (J. Richalet et al., *Model predictive heuristic control*, Automatica 14, 1978).
+//! A motor with limited speed and acceleration lags after every change of the path's speed, and overshoots when it has
+//! caught up. So each candidate command is tried on a model of the motor, as if it stayed the only one for a while;
+//! the command after which the motor was nearest to the path in the mean square is taken (J. Richalet et al., *Model
+//! predictive heuristic control*, Automatica 14, 1978).
 
 use super::Order;
 use super::motor::Motor;
@@ -15,26 +16,27 @@ const CALM_S: f64 = 0.023;
 /// What it costs to come out of the trial too fast to stay with the path: of the square of the distance at which the motor would have the path's speed again [–].
 const AFTERWARDS: f64 = 0.3;
 
-/// What a motor can do.
+/// Limits of a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ability {
-    /// Either way [rad/s²], above 0.
+pub struct MotorLimits {
+    /// Largest acceleration and deceleration, above 0 [rad/s²].
     pub acceleration: f64,
-    /// The fastest [rad/s], above 0.
-    pub most_speed: f64,
-    /// How many speeds it has, even parts of the fastest: between two of them it cannot be told to go. 1 or more.
+    /// Highest speed, above 0 [rad/s].
+    pub max_speed: f64,
+    /// Number of speeds that the device can be set to, evenly spaced up to the highest; 1 or more.
     pub speeds: u32,
 }
 
-/// Goal [rad] and speed [rad/s] for a motor that will be at `angle` and turn at `rate` when it obeys [rad, rad/s]. `path` says where it should be from then on, every
-/// `period_s` [rad, s]: two places or more; with fewer it is told to go there, or to stay.
-pub fn follow([angle, rate]: [f64; 2], ability: &Ability, path: &[f64], period_s: f64) -> [f64; 2] {
-    let Ability { acceleration, most_speed, speeds } = *ability;
+/// The next command that keeps a motor nearest to `path`: goal [rad] and speed [rad/s]. The motor is at `angle` [rad]
+/// and turns at `rate` [rad/s] when it obeys; `path` holds where it should be from then on, one angle every `period_s`
+/// [rad, s]. With one angle only the command leads there; with none the motor stays.
+pub fn track_path([angle, rate]: [f64; 2], limits: &MotorLimits, path: &[f64], period_s: f64) -> [f64; 2] {
+    let MotorLimits { acceleration, max_speed, speeds } = *limits;
     let (Some(last), true) = (path.last(), path.len() > 1) else {
-        return [path.first().copied().unwrap_or(angle), most_speed];
+        return [path.first().copied().unwrap_or(angle), max_speed];
     };
     let length_s = period_s * (path.len() - 1) as f64;
-    let mut best = (f64::INFINITY, [*last, most_speed]);
+    let mut best = (f64::INFINITY, [*last, max_speed]);
     let mut try_out = |goal: f64, speed: f64| {
         let motor = Motor { angle, rate, order: Order::Go { goal, speed } };
         let cost = cost(motor, acceleration, path, period_s);
@@ -43,7 +45,7 @@ pub fn follow([angle, rate]: [f64; 2], ability: &Ability, path: &[f64], period_s
         }
     };
     for number in 1..=speeds {
-        let speed = most_speed * f64::from(number) / f64::from(speeds);
+        let speed = max_speed * f64::from(number) / f64::from(speeds);
         path.iter().for_each(|goal| try_out(*goal, speed));
         // On and on: so far that it brakes after the time that is looked at, should no other order come.
         let way = speed * length_s + speed * speed / acceleration;
@@ -79,7 +81,7 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    const ABILITY: Ability = Ability { acceleration: 7.0, most_speed: 1.4, speeds: 24 };
+    const LIMITS: MotorLimits = MotorLimits { acceleration: 7.0, max_speed: 1.4, speeds: 24 };
     const PERIOD_S: f64 = 0.05;
 
     /// Root of the mean squared distance from `path` over 20 s of orders, each for the next 50 ms, by `leads` [rad].
@@ -92,7 +94,7 @@ mod tests {
             let [goal, speed] = leads([motor.angle, motor.rate], &places);
             motor.order = Order::Go { goal, speed };
             for step in 1..=50 {
-                motor.advance(1e-3, ABILITY.acceleration);
+                motor.advance(1e-3, LIMITS.acceleration);
                 sum += (motor.angle - path(now_s + f64::from(step) * 1e-3)).powi(2);
                 count += 1.0;
             }
@@ -106,7 +108,7 @@ mod tests {
         for _ in 0..6 {
             let (size, pace, phase) = (random.uniform_in(0.1, 0.6), random.uniform_in(0.5, 2.0), random.uniform());
             let path = |time_s: f64| size * (pace * time_s + phase).sin();
-            let ours = missed(path, |state, path| follow(state, &ABILITY, path, PERIOD_S));
+            let ours = missed(path, |state, path| track_path(state, &LIMITS, path, PERIOD_S));
             let step = missed(path, |state, path| [path[0], ((path[0] - state[0]).abs() / PERIOD_S).clamp(1e-3, 1.4)]);
             assert!(ours < 0.25 * step && ours < 0.01, "{ours} and {step} rad, {size} rad at {pace} rad/s");
         }
@@ -121,22 +123,22 @@ mod tests {
         for order in 0..400 {
             let now_s = f64::from(order) * PERIOD_S;
             let places: Vec<f64> = (0..4).map(|it| path(now_s + f64::from(it) * PERIOD_S)).collect();
-            let [goal, speed] = follow([motor.angle, motor.rate], &ABILITY, &places, PERIOD_S);
+            let [goal, speed] = track_path([motor.angle, motor.rate], &LIMITS, &places, PERIOD_S);
             motor.order = Order::Go { goal, speed };
-            (0..50).for_each(|_| motor.advance(1e-3, ABILITY.acceleration));
+            (0..50).for_each(|_| motor.advance(1e-3, LIMITS.acceleration));
             farthest = farthest.max(motor.angle.abs());
         }
         assert!(farthest < 0.27, "{farthest} rad");
-        let ours = missed(path, |state, path| follow(state, &ABILITY, path, PERIOD_S));
+        let ours = missed(path, |state, path| track_path(state, &LIMITS, path, PERIOD_S));
         assert!(ours < 0.22, "{ours} rad");
     }
 
     #[test]
     fn speeds_are_those_that_the_motor_has_and_short_paths_are_answered() {
-        let [_, speed] = follow([0.0, 0.0], &ABILITY, &[0.0, 0.01, 0.02, 0.03], PERIOD_S);
-        let part = speed / ABILITY.most_speed * 24.0;
+        let [_, speed] = track_path([0.0, 0.0], &LIMITS, &[0.0, 0.01, 0.02, 0.03], PERIOD_S);
+        let part = speed / LIMITS.max_speed * 24.0;
         assert!((part - part.round()).abs() < 1e-9 && part >= 1.0, "{part}");
-        assert_eq!(follow([0.3, 0.0], &ABILITY, &[0.5], PERIOD_S), [0.5, 1.4]);
-        assert_eq!(follow([0.3, 0.0], &ABILITY, &[], PERIOD_S), [0.3, 1.4]);
+        assert_eq!(track_path([0.3, 0.0], &LIMITS, &[0.5], PERIOD_S), [0.5, 1.4]);
+        assert_eq!(track_path([0.3, 0.0], &LIMITS, &[], PERIOD_S), [0.3, 1.4]);
     }
 }
