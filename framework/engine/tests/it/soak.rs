@@ -1,7 +1,7 @@
 //! Random graphs of nodes that panic, fail, stall and die, under every policy and in both engines: no run hangs, and of every edge all that was sent
 //! is delivered, dropped or suspended.
 //!
-//! `FOVEATE_SOAK_MESSAGES=1000000 cargo test --release -p foveate-engine --test soak` sends a million messages.
+//! `FOVEATE_SOAK_MESSAGES=1000000 cargo test --release -p foveate-engine --test it soak` sends a million messages.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
