@@ -116,7 +116,7 @@ fn worst(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Median and least of 200 rounds over the 30 pictures: the least is what the work takes when nobody else has the
+/// Median and least of 200 rounds over the 30 pictures: the least is what the work takes when no other program has the
 /// machine's attention, which criterion's mean does not show. The peer's script prints the same two.
 fn rounds() {
     let limits = SpotLimits::default();

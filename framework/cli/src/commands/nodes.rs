@@ -89,8 +89,8 @@ fn describe(node_type: &NodeType) -> String {
 
 fn taking(port: &InputSpec) -> String {
     let how = port.policy.in_words();
-    let many = if port.many { ", of any number of cameras" } else { "" };
-    let optional = if port.optional { ", may be left open" } else { "" };
+    let many = if port.many { ", many sources" } else { "" };
+    let optional = if port.optional { ", optional" } else { "" };
     format!("{how}{many}{optional}")
 }
 

@@ -86,5 +86,5 @@ fn errors_by_size_brightness_and_noise() {
         std::fs::write(path, &table).unwrap();
     }
     let golden = std::fs::read_to_string(path).unwrap_or_default();
-    assert!(golden == table, "the table has changed; UPDATE_GOLDEN=1 writes it anew:\n{table}");
+    assert!(golden == table, "the table has changed; UPDATE_GOLDEN=1 rewrites it:\n{table}");
 }

@@ -256,11 +256,11 @@ impl Node for BodyTrackerNode {
             seen.iter().filter(near).cloned().collect()
         });
         let contested: Vec<_> = voxels.contested.iter().map(|it| (it.centroid, it.volume)).collect();
-        self.people.hear_contested(&contested);
+        self.people.set_contested(&contested);
         let cameras = cameras_of(voxels);
         // Voxels of other programs do not say by whom they were seen.
         if !voxels.views.is_empty() {
-            self.people.hear_views(cameras.len());
+            self.people.set_n_views(cameras.len());
         }
         let list: Vec<Skeleton> = self.people.list().iter().map(|it| skeleton_of(it, &cameras)).collect();
         self.count(&list, voxels, time);
@@ -417,8 +417,8 @@ impl BodyTrackerNode {
 
     /// A place on each body as targets.
     fn anchors(&self, time: Time, cameras: &CameraSet, part: Part, factors: &Vector3<f64>) -> Targets {
-        let is_there = |it: &&foveate::geometry::body::Followed| it.tracker.filter().layout().has(part);
-        let target = |it: &foveate::geometry::body::Followed| {
+        let is_there = |it: &&foveate::geometry::body::TrackedBody| it.tracker.filter().layout().has(part);
+        let target = |it: &foveate::geometry::body::TrackedBody| {
             let (position, velocity, covariance) = it.tracker.filter().place(part, factors);
             let is_measured = it.is_seen && it.tracker.shows(part);
             let provenance = if is_measured { Provenance::Measured } else { Provenance::Predicted };
