@@ -1,7 +1,5 @@
 //! `foveate calibrate --unsynchronised` with a wand and with a board, as a person uses it: cameras of known truth with clocks of their own.
 
-mod the_program;
-
 use std::fmt::Write;
 use std::fs;
 
@@ -9,7 +7,7 @@ use foveate::geometry::Camera;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
-use self::the_program::foveate;
+use crate::the_program::foveate;
 
 /// Pictures a second of each camera, and how late its clock is [s].
 const RATES_HZ: [f64; 4] = [30.0, 25.0, 50.0, 30.0];

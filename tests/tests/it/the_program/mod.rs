@@ -10,7 +10,7 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
 }
 
-/// The program, built once by cargo for all tests of this file.
+/// The program, built once by cargo for all tests.
 pub fn program() -> PathBuf {
     static BUILT: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
     BUILT
@@ -28,7 +28,6 @@ pub fn program() -> PathBuf {
 }
 
 /// The rig of the simulated lab, `room.toml`, and its calibration in `folder`, as `foveate new rig` writes them: a lab that is as its calibration says. Gives the rig's text.
-#[allow(dead_code, reason = "some tests have rigs of their own")]
 pub fn new_room(folder: &Path) -> String {
     let (code, _, complaint) = foveate(folder, &["new", "rig", "room"]);
     assert_eq!(code, 0, "{complaint}");

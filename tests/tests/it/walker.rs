@@ -1,6 +1,6 @@
 //! A man on a treadmill, recovered by `graphs/walker.toml` without lights, against the joints that a pose estimator found.
 //!
-//! `cargo test --release -p foveate-tests --test walker -- --nocapture` prints the table of docs/results.md. The joints are those
+//! `cargo test --release -p foveate-tests --test it walker -- --nocapture` prints the table of docs/results.md. The joints are those
 //! of the data set's `openpose_2d` (BODY_25B): of each camera and frame the person of the highest total confidence, joints above
 //! 0.3, put into space by the lines of sight of two cameras or more. A reference is the mean of its joints, in frames that have all of them.
 

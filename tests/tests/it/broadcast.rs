@@ -1,9 +1,6 @@
 //! Paths that nobody drew as sums of sines, followed by a simulated head that obeys 300 ms late: where a broadcast camera looked during 330 frames of a football match, heads
 //! and hips of people who were recorded, and reaches from place to place as people make them.
 
-mod mat_file;
-mod the_program;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -84,7 +81,7 @@ fn write_rig(folder: &Path, places: &[Point3<f64>], focal_px: f64) {
 
 /// The rig of `graphs/pan_tilt_follow.toml` after the light of `path.csv`, in a world that is as its calibration says.
 fn after_a_path() -> String {
-    let rig = std::fs::read_to_string(the_program::root().join("graphs/pan_tilt_follow.toml")).unwrap();
+    let rig = std::fs::read_to_string(crate::the_program::root().join("graphs/pan_tilt_follow.toml")).unwrap();
     let swing = rig.lines().find(|it| it.starts_with("swing =")).unwrap();
     let start = rig.lines().find(|it| it.starts_with("start_s =")).unwrap();
     let truth = rig.lines().find(|it| it.starts_with("truth = {")).unwrap();
@@ -111,14 +108,14 @@ fn rig() -> String {
 fn a_broadcast_camera_s_path_is_followed() {
     let Some(data) = foveate_testkit::data_dir_or_skip("the broadcast camera", "s17_ptz_soccer") else { return };
     let bytes = std::fs::read(data.join("soccer_ground_truth.mat")).unwrap();
-    let (frames, columns, ptz) = mat_file::matrix(&bytes, "ptz").unwrap();
+    let (frames, columns, ptz) = crate::mat_file::matrix(&bytes, "ptz").unwrap();
     assert_eq!((frames, columns), (330, 3));
     assert!((ptz[0] - 53.364_834).abs() < 1e-5 && (ptz[2 * frames] - 3_733.765_356).abs() < 1e-4);
     let focal = ptz[2 * frames..].iter().sum::<f64>() / frames as f64;
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_rig(folder, &places(&ptz, frames), focal);
-    let (code, out, err) = the_program::foveate(folder, &["run", "broadcast.toml", "--out", "results"]);
+    let (code, out, err) = crate::the_program::foveate(folder, &["run", "broadcast.toml", "--out", "results"]);
     assert_eq!(code, 0, "{out}{err}");
     let summary: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("results/summary.json")).unwrap()).unwrap();
@@ -201,13 +198,13 @@ fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
     let folder = folder.path();
     let duration_s = ENTERS_S + places.len() as f64 / 60.0;
     write_path(folder, &into_the_room(places), 60.0);
-    let plan = the_program::root().join("graphs/pan_tilt_follow.plan.toml");
+    let plan = crate::the_program::root().join("graphs/pan_tilt_follow.plan.toml");
     std::fs::copy(plan, folder.join("pan_tilt_follow.calibration.toml")).unwrap();
     let rig = after_a_path()
         .replace("duration_s = 35", &format!("duration_s = {duration_s}"))
         .replace("seed = 1", &format!("seed = {seed}"));
     std::fs::write(folder.join("path.toml"), rig).unwrap();
-    let (code, out, err) = the_program::foveate(folder, &["run", "path.toml", "--out", "results"]);
+    let (code, out, err) = crate::the_program::foveate(folder, &["run", "path.toml", "--out", "results"]);
     assert_eq!(code, 0, "{out}{err}");
     let summary: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("results/summary.json")).unwrap()).unwrap();

@@ -1,7 +1,5 @@
 //! Boards that others recorded: one chessboard on the floor of a studio, found in its pictures, and a ChArUco board whose corners were found.
 
-mod the_program;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,7 +7,7 @@ use foveate::scene::Calibration;
 use foveate_testkit::data_dir_or_skip;
 use serde_json::Value;
 
-use self::the_program::{foveate, root};
+use crate::the_program::{foveate, root};
 
 /// The rig of that name with the folder of recordings in place of its variable, in a folder of its own, changed by `edit`.
 fn rig(name: &str, data: &Path, edit: impl FnOnce(String) -> String) -> (tempfile::TempDir, PathBuf) {

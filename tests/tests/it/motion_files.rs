@@ -1,13 +1,11 @@
 //! `foveate convert` and `foveate compare` on motion files, and a rig that reads one, as a person uses them.
 
-mod the_program;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use foveate_testkit::data_dir_or_skip;
 use serde_json::Value;
-use the_program::foveate;
+use crate::the_program::foveate;
 
 /// A table of eight points of a body that walks, at 100 Hz for two seconds: one is missing for 70 ms, then for 300 ms.
 fn walk(folder: &Path) {
@@ -276,7 +274,7 @@ fn a_trial_of_a_laboratory_agrees_with_itself() {
         assert!(figures["all"]["max_mm"].as_f64().unwrap() < 0.001, "{form}: {}", figures["all"]);
     }
     // A rig that reads it.
-    let rig = fs::read_to_string(the_program::root().join("graphs/motion_file.toml")).unwrap();
+    let rig = fs::read_to_string(crate::the_program::root().join("graphs/motion_file.toml")).unwrap();
     fs::write(at.join("rig.toml"), rig.replace("${FOVEATE_DATA}/s10_btk_c3d_trc/C3DSamples__others__Gait.c3d", &c3d))
         .unwrap();
     done(at, &["run", "rig.toml", "--out", "results", "--quiet"]);

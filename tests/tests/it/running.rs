@@ -1,9 +1,5 @@
 //! What surrounds a run: its folder and who else wants it, signals, a quiet terminal, sizes that nobody has memory for.
 
-#![cfg(unix)]
-
-mod the_program;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -12,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use self::the_program::{foveate, new_room, program, root};
+use crate::the_program::{foveate, new_room, program, root};
 
 /// Ends the process also when a test fails.
 struct Running(Child);

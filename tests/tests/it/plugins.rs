@@ -1,7 +1,5 @@
 //! Plugins as their authors and users meet them: made, built, opened, refused, and bad ones.
 
-mod the_program;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,7 +7,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use self::the_program::{foveate, new_room, program, root};
+use crate::the_program::{foveate, new_room, program, root};
 
 /// Runs the program in `folder`, which has to be content.
 #[track_caller]

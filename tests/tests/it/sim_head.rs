@@ -1,9 +1,5 @@
 //! `foveate sim head` as another program sees it, and a rig that drives it over UDP.
 
-#![cfg(unix)]
-
-mod the_program;
-
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
@@ -12,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use self::the_program::{foveate, program, root};
+use crate::the_program::{foveate, program, root};
 
 /// Ends the process also when a test fails.
 struct Running(Child);

@@ -1,7 +1,5 @@
 //! `foveate calibrate` as a person uses it: rooms of known truth, and bad input of every kind.
 
-mod the_program;
-
 use std::fmt::Write;
 use std::fs;
 
@@ -10,7 +8,7 @@ use foveate_testkit::data_dir_or_skip;
 use nalgebra::Point3;
 use serde_json::Value;
 
-use self::the_program::{foveate, root};
+use crate::the_program::{foveate, root};
 
 const FRAMES: usize = 240;
 
@@ -389,7 +387,7 @@ fn real_pictures_are_calibrated_at_least_as_well_as_by_the_peer() {
     let Some(folder) = data_dir_or_skip("calibrate", "s01_arctic_laser_4cam") else { return };
     let out = tempfile::tempdir().unwrap();
     let rig = root().join("graphs/laser_room.toml");
-    let mut command = std::process::Command::new(the_program::program());
+    let mut command = std::process::Command::new(crate::the_program::program());
     command.env("FOVEATE_DATA", folder.parent().unwrap()).arg("calibrate").arg(rig);
     let output = command.args(["--from-nothing", "--quiet", "--out"]).arg(out.path()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -453,7 +451,7 @@ fn flags_of_a_board_without_a_board_are_refused() {
 #[test]
 fn full_disk_under_standard_output_is_told_once() {
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let output = std::process::Command::new(the_program::program()).arg("nodes").stdout(full()).output().unwrap();
+    let output = std::process::Command::new(crate::the_program::program()).arg("nodes").stdout(full()).output().unwrap();
     let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{complaint}");
     assert_eq!(complaint.matches("standard output cannot be written").count(), 1, "{complaint}");

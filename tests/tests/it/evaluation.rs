@@ -1,13 +1,11 @@
 //! `foveate eval` as people use it: many seeds, promises, seeds that fail.
 
-mod the_program;
-
 use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
 
-use self::the_program::foveate;
+use crate::the_program::foveate;
 
 /// A hall of lights without pictures, which runs in no time.
 fn hall() -> tempfile::TempDir {

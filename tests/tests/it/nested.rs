@@ -2,7 +2,7 @@
 //! person who carries the two inner ones walks out and comes back. `graphs/stadium.toml`: a body recovered in a space that moves by cameras that do not, and
 //! heads that follow what is known in that space.
 //!
-//! `cargo test -p foveate-tests --test nested -- --nocapture` prints the table of docs/results.md.
+//! `cargo test -p foveate-tests --test it nested -- --nocapture` prints the table of docs/results.md.
 
 use std::collections::BTreeMap;
 use std::fs;

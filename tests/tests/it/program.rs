@@ -1,14 +1,12 @@
 //! The `foveate` program as a person uses it: commands, exit codes, bad input of every kind.
 
-mod the_program;
-
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
 use serde_json::Value;
 
-use self::the_program::{foveate, new_room, program, root};
+use crate::the_program::{foveate, new_room, program, root};
 
 /// A folder with the simulated lab's rig in it, changed by `edit`.
 fn lab(edit: impl FnOnce(String) -> String) -> tempfile::TempDir {

@@ -1,7 +1,5 @@
 //! `foveate calibrate` with a measured path, labelled points and parts of a rig's cameras, as a person uses it.
 
-mod the_program;
-
 use std::fmt::Write;
 use std::fs;
 
@@ -9,7 +7,7 @@ use foveate::geometry::Camera;
 use nalgebra::Point3;
 use serde_json::Value;
 
-use self::the_program::foveate;
+use crate::the_program::foveate;
 
 /// Twenty seconds at 30 Hz.
 const FRAMES: usize = 600;
