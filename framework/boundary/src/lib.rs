@@ -4,7 +4,7 @@
 //!
 //! Settings cross as TOML text, which the library parses with its own registry of trait objects (typetag). Every call into the
 //! library comes back with its panics caught, as words: a panic that leaves the image it began in ends the program. Who calls goes on
-//! with them on its own side ([`foveate_node::guard::go_on`]).
+//! with them on its own side ([`foveate_node::guard::resume`]).
 
 use std::any::Any;
 
@@ -83,7 +83,7 @@ type Describe = fn() -> Vec<Described>;
 /// Reads settings inside a library.
 pub type Parse = fn(&str) -> Caught<Result<Box<dyn LibrarySettings>, ConfigError>>;
 
-/// What a program gets of a library that fits.
+/// What a program gets from a compatible library.
 pub struct Contents {
     name: &'static str,
     describe: Describe,

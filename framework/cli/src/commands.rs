@@ -62,7 +62,7 @@ enum Command {
     Convert(Box<convert::ConvertArgs>),
     /// Measure how far apart two motion files are, point by point, or two clouds or surfaces (PLY)
     Compare(compare::CompareArgs),
-    /// Explain figures of a summary: unit, which way is better, what is counted
+    /// Explain figures of a summary: unit, which values are better, what is counted
     Figures {
         /// A figure as `summary.json` names it, a pattern such as `surface.*`, or a node type
         name: Option<String>,
@@ -219,7 +219,7 @@ enum PluginWhat {
 }
 
 impl Cli {
-    /// Does what was asked with the node types of `registry` and of the libraries on the search path; gives the exit code.
+    /// Runs the command with the node types of `registry` and of the libraries on the search path; returns the exit code.
     pub fn run(self, mut registry: Registry) -> u8 {
         for (path, error) in open_search_path(&mut registry) {
             eprintln!("warning: the library `{}` cannot be used: {error}", path.display());

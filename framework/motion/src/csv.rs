@@ -1,4 +1,4 @@
-//! Numbers as fields of CSV files, the same bytes for the same values.
+//! Numbers as CSV fields, the same bytes for the same values.
 
 use std::fmt::Write;
 

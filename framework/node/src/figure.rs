@@ -1,4 +1,4 @@
-//! Figures that a node type declares, as it declares its ports: name, unit, which way is better, and one line.
+//! Figures that a node type declares, as it declares its ports: name, unit, which values are better, and one line.
 
 /// The figures of a node type, in the order in which people read them.
 pub type Figures = &'static [FigureSpec];
@@ -28,7 +28,7 @@ impl Better {
 /// One figure of a node type, or several that differ in a part of their names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FigureSpec {
-    /// Dotted name. `*` stands for a part that is known at run time only, such as a camera's name (one character or more), `{median,p95}` for one
+    /// Dotted name. `*` matches a part that is known at run time only, such as a camera's name (one character or more), `{median,p95}` for one
     /// of these, `(…)` for a part that may be missing; these do not nest, but for `*` inside `(…)`.
     pub name: &'static str,
     /// Unit of the value, such as `mm`; for what has none, `count`, `share` (0 to 1), `ratio` (any other) or `sigmas` (stated standard deviations).
@@ -58,7 +58,7 @@ const IN_NAMES: [(&str, &str); 11] = [
 ];
 
 impl FigureSpec {
-    /// All names that are declared, `{…}` and `(…)` written out and `*` left in them.
+    /// All declared names, with `{…}` and `(…)` expanded and `*` kept.
     pub fn names(&self) -> Vec<String> {
         expand(self.name).unwrap_or_default()
     }
@@ -102,7 +102,7 @@ pub fn find(figures: Figures, name: &str) -> Option<&'static FigureSpec> {
     figures.iter().find(|it| it.declares(name))
 }
 
-/// Holds declarations against what every one of them promises.
+/// Checks declarations of figures.
 ///
 /// # Errors
 /// A sentence that names the figure: a name that cannot be read, a unit or a line that is missing, a name that says another unit, a figure that two declare.
@@ -123,7 +123,7 @@ pub fn check(figures: Figures) -> Result<(), String> {
     Ok(())
 }
 
-/// All names that `name` stands for, with `*` left in them.
+/// All names that `name` describes, with `*` left in them.
 fn expand(name: &str) -> Result<Vec<String>, String> {
     let mut names = vec![String::new()];
     let mut rest = name;

@@ -3,7 +3,7 @@
 //! Cargo gives a crate its identity by its place *relative to the root of its workspace*, its version, features and dependencies. So the library is built
 //! in a workspace that looks like the program's own: a folder with links to all its rooms, its lock file and its profiles, and in it two packages more,
 //! the plugin and the shell that exports its symbols. Program and plugin are built in one invocation, so that features
-//! are unified as one. Measured: all identities agree, nothing of the program is compiled again, and a plugin takes seconds. Other ways do
+//! are unified as one. Measured: all identities agree, nothing of the program is compiled again, and a plugin takes seconds. Other approaches do
 //! not work: a path from another workspace to a room of ours, or the plugin without the program, gives other types.
 
 use std::collections::BTreeSet;

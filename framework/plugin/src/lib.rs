@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`descriptor`] | the frozen door of a library: what it says of its build before anything else of it is touched |
+//! | [`descriptor`] | the descriptor of a library: how it was built, checked before anything else of it is used |
 //! | [`open`] | the program's side: opens a library, refuses one that does not fit, and gives its node types |
 //! | [`build`] | `foveate plugin build`: makes a library out of a crate, so that it fits the program |
 //! | `process` (on Linux) | nodes that are processes of their own, in any language |

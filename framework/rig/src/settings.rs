@@ -27,7 +27,7 @@ pub(super) fn check(schema: &Json, type_name: &str, settings: &DeTable<'_>, head
 
 struct Walk<'s, 'f> {
     root: &'s Json,
-    /// Whose settings these are, for messages.
+    /// Owner of the settings, for messages.
     owner: String,
     findings: &'f mut Findings,
 }
@@ -167,7 +167,7 @@ impl<'s> Walk<'s, '_> {
         self.findings.append(best);
     }
 
-    /// What the alternative finds that finds least; nothing, if one of them fits.
+    /// The faults of the alternative that has the fewest; none if one of them fits.
     fn best(&mut self, choices: &[&'s Json], mut check: impl FnMut(&mut Walk<'s, '_>, &'s Json)) -> Findings {
         let mut best: Option<Findings> = None;
         for choice in choices {

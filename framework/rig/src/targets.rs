@@ -13,7 +13,7 @@ use super::values::{plain_name, read_point};
 use foveate_diagnostics::Findings;
 use foveate_diagnostics::value::{Keys, Value};
 
-/// A name and the rule that says who carries it.
+/// A name and the rule that picks the target that carries it.
 #[derive(Debug, Clone)]
 pub(super) struct NamedTarget {
     pub name: Spanned<String>,

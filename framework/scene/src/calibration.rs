@@ -5,7 +5,7 @@
 //! ```toml
 //! [calibration]
 //! length_unit = "m"            # or "unknown", when the scale of the scene was never measured
-//! note = "by whom, how, when"  # optional
+//! note = "author, method, date"  # optional
 //!
 //! [camera.wide-1]
 //! image_size_px = [640, 240]
@@ -19,8 +19,8 @@
 //!
 //! Optional besides: `[provenance]` and `[camera.wide-1.uncertainty]`, see [`crate::uncertainty`].
 //!
-//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`]; a section `[head.ptz-1]`, on what head that camera turns:
-//! see [`crate::heads`].
+//! A section `[clock.wide-1]` may describe the camera's clock: see [`crate::clocks`]; a section `[head.ptz-1]`, the pan-tilt head that carries the
+//! camera: see [`crate::heads`].
 //!
 //! Calibrations of other programs are read too: see [`crate::formats`].
 
@@ -72,9 +72,9 @@ pub struct Calibration {
     pub heads: Heads,
     /// How it was made, where that is known.
     pub provenance: Option<Provenance>,
-    /// How well each camera is known, by its name; cameras of which nothing is known are left out.
+    /// Uncertainty of each camera, by its name; cameras without one are left out.
     pub uncertainties: Uncertainties,
-    /// Where it came from and what was changed on the way in, for people.
+    /// Where it came from and what was changed during import, for people.
     pub origin: String,
 }
 

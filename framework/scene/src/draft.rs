@@ -4,19 +4,19 @@ use std::collections::BTreeMap;
 
 use crate::calibration::Calibration;
 
-/// A focal length that nobody stated is taken for so many widths of the picture: a lens of some 58° [–].
+/// Default for a focal length that is not stated, in widths of the picture: a lens of some 58° [–].
 const FOCAL_GUESS: f64 = 0.9;
 
 /// A calibration, some of whose numbers are guesses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draft {
-    /// All cameras; what is unknown of them stands for a guess, or for nothing where it is a pose.
+    /// All cameras; unknown numbers are guesses, unknown poses are the origin.
     pub calibration: Calibration,
-    /// What is unknown, by the camera's name; cameras of which everything is stated are left out.
+    /// What is unknown, by the camera's name; complete cameras are left out.
     pub unknown: BTreeMap<String, Unknown>,
 }
 
-/// What a file does not say of a camera.
+/// What a file does not state about a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Unknown {
     /// Both focal lengths: the calibration has a guess from the size of the picture.

@@ -184,7 +184,7 @@ impl Reader<'_> {
         heads
     }
 
-    /// Reads all keys before it gives up, so that all their faults are found.
+    /// Reads all keys before it returns an error, so that all their faults are found.
     fn head(&mut self, table: &DeTable<'_>, at: Range<usize>) -> Option<Head> {
         self.refuse_unknown(table, "key", &HEAD_KEYS);
         let axes = ["pan_axis", "tilt_axis"].map(|key| {

@@ -5,7 +5,7 @@
 //! | [`anchor`] | [`Anchor`]: which target carries the space of a scale, and whether it is lost |
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
-//! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
+//! | [`draft`] | [`Draft`]: an incomplete calibration, the input of calibrating |
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
 //! | [`heads`] | [`Heads`]: pan-tilt heads, with their axes, limits and units |
 //! | [`shape_file`] | models of shapes that deform, read and written |

@@ -64,8 +64,9 @@ pub fn load_shape_model(path: &Path) -> Result<ShapeModel, CalibrationError> {
 
 /// The file's text.
 pub fn shape_model_to_toml(model: &ShapeModel) -> String {
-    let mut text =
-        String::from("# A shape that deforms: places of marks and ways in which they move together.\n[shape_model]\n");
+    let mut text = String::from(
+        "# A shape that deforms: places of marks and the modes in which they move together.\n[shape_model]\n",
+    );
     let kind = match model.bases {
         Bases::Faces { .. } => "faces",
         Bases::Components { .. } => "components",

@@ -30,7 +30,7 @@ pub(crate) fn read<T>(
     if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
 }
 
-/// One document being read: what is wrong gathers in `faults`, so that all of it is told at once.
+/// One document being read: all faults are collected in `faults` and reported together.
 pub(crate) struct Reader<'a> {
     /// The whole of it.
     pub text: &'a str,

@@ -76,7 +76,7 @@ pub struct Provenance {
     pub origin: Option<Fixed>,
 }
 
-/// What fixes a freedom that images alone leave open, and how well.
+/// What fixes a degree of freedom that images alone do not determine, and how well.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fixed {
     /// Such as `a wand of 0.4 m`.

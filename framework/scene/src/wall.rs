@@ -59,7 +59,7 @@ pub struct WallCamera {
     pub map: PlaneMap,
     /// Error at dots that the fit did not know, root mean square [px of the wall].
     pub held_out_px: f64,
-    /// Brightest pixel of a dot that the wall showed, median over dots [gray level].
+    /// Brightest pixel of a displayed dot, median over dots [gray level].
     pub brightest: f64,
 }
 

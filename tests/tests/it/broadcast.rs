@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foveate::estimation::Random;
-use foveate::estimation::prediction::{Predictor, PredictorOptions, Way};
+use foveate::estimation::prediction::{PredictionMethod, Predictor, PredictorOptions};
 use foveate::geometry::Camera;
 use foveate::scene::calibration::Calibration;
 use foveate::scene::skeleton::SkeletonMotion;
@@ -192,7 +192,7 @@ fn of_a_person(file: &Path, joint: &str, pace: f64) -> Vec<Point3<f64>> {
     (0..frames).map_while(place).collect()
 }
 
-/// Mean and 95th percentile of the distance from the middle [px], of ours and of the paper's way.
+/// Mean and 95th percentile of the distance from the middle [px], of ours and of the paper's method.
 fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -213,17 +213,25 @@ fn follow(places: Vec<Point3<f64>>, seed: u64) -> [[f64; 2]; 2] {
 }
 
 /// All ways that compete, and last what they are weighted to.
-const WAYS: [Way; 8] =
-    [Way::Still, Way::Velocity, Way::Damped, Way::Slowing, Way::Interacting, Way::Linear, Way::Cautious, Way::Weighted];
+const METHODS: [PredictionMethod; 8] = [
+    PredictionMethod::Still,
+    PredictionMethod::Velocity,
+    PredictionMethod::Damped,
+    PredictionMethod::Slowing,
+    PredictionMethod::Interacting,
+    PredictionMethod::Linear,
+    PredictionMethod::Cautious,
+    PredictionMethod::Weighted,
+];
 
-/// Mean angle by which each of [`WAYS`] misses a point of `path` 350 ms on [rad], seen from three metres; tracked at 60 Hz with a millimetre of noise and a velocity that lags by 30 ms.
-fn missed(path: &[Point3<f64>]) -> [f64; WAYS.len()] {
+/// Mean angle by which each of [`METHODS`] misses a point of `path` 350 ms on [rad], seen from three metres; tracked at 60 Hz with a millimetre of noise and a velocity that lags by 30 ms.
+fn missed(path: &[Point3<f64>]) -> [f64; METHODS.len()] {
     let eye = Point3::new(-3.0, 0.0, 1.6);
     let ahead = 21;
-    WAYS.map(|way| {
+    METHODS.map(|method| {
         let mut random = Random::new(5);
         let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
-        let mut predictor = Predictor::new(PredictorOptions { way, eye: Some(eye), ..PredictorOptions::default() });
+        let mut predictor = Predictor::new(PredictorOptions { method, eye: Some(eye), ..PredictorOptions::default() });
         let mut velocity = Vector3::zeros();
         let (mut sum, mut count) = (0.0, 0.0);
         for frame in 1..path.len() - ahead {
@@ -258,7 +266,7 @@ fn no_way_to_foretell_recorded_people_is_much_better_than_what_all_are_weighted_
                     path.reverse();
                 }
                 let missed = missed(&path);
-                let weighted = missed[WAYS.len() - 1];
+                let weighted = missed[METHODS.len() - 1];
                 let ratios = missed.map(|it| weighted / it);
                 println!("{file} {joint}{}: {ratios:.2?}", if backwards { ", backwards" } else { "" });
                 worst = ratios.into_iter().fold(worst, f64::max);
@@ -271,7 +279,7 @@ fn no_way_to_foretell_recorded_people_is_much_better_than_what_all_are_weighted_
     }
     let n = logs.len();
     let more = logs.iter().filter(|it| it.exp() > 1.05).count();
-    println!("{n} paths: more than 5 % behind the best way on {more}, at most {worst:.2} of it");
+    println!("{n} paths: more than 5 % behind the best method on {more}, at most {worst:.2} of it");
     assert!(5 * more <= n && worst < 1.15, "{more} of {n}, {worst}");
 }
 
@@ -321,9 +329,9 @@ fn paths_that_were_recorded_or_drawn_are_followed_no_worse_than_by_the_paper_s_w
     for (name, path) in paths {
         // The latency of a head is drawn anew for each command: one run says little.
         let runs = [11, 12].map(|seed| follow(path.clone(), seed));
-        let mean = |way: usize, of: usize| (runs[0][way][of] + runs[1][way][of]) / 2.0;
+        let mean = |method: usize, of: usize| (runs[0][method][of] + runs[1][method][of]) / 2.0;
         println!(
-            "{name}: ours {:.0} px mean, {:.0} px p95; the paper's way {:.0} px, {:.0} px",
+            "{name}: ours {:.0} px mean, {:.0} px p95; the paper's method {:.0} px, {:.0} px",
             mean(0, 0),
             mean(0, 1),
             mean(1, 0),
@@ -332,5 +340,5 @@ fn paths_that_were_recorded_or_drawn_are_followed_no_worse_than_by_the_paper_s_w
         assert!(mean(0, 0) < 1.07 * mean(1, 0) && mean(0, 1) < 1.2 * mean(1, 1), "{name}");
         sum += (mean(0, 0) / mean(1, 0)).ln();
     }
-    assert!((sum / n).exp() < 0.95, "{} of the paper's way, geometric mean", (sum / n).exp());
+    assert!((sum / n).exp() < 0.95, "{} of the paper's method, geometric mean", (sum / n).exp());
 }

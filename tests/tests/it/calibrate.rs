@@ -451,7 +451,8 @@ fn flags_of_a_board_without_a_board_are_refused() {
 #[test]
 fn full_disk_under_standard_output_is_told_once() {
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let output = std::process::Command::new(crate::the_program::program()).arg("nodes").stdout(full()).output().unwrap();
+    let output =
+        std::process::Command::new(crate::the_program::program()).arg("nodes").stdout(full()).output().unwrap();
     let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{complaint}");
     assert_eq!(complaint.matches("standard output cannot be written").count(), 1, "{complaint}");

@@ -186,7 +186,7 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
         label_names(&it.path, cameras, path.parent().unwrap_or(Path::new("")))
     });
     let labels = labels.transpose().map_err(|fault| format!("error: {fault}"))?.unwrap_or_default();
-    Ok(Detectors { graph: graph.leading_to(|it| it.node == RECORDER || it.node == TABLE), board, labels })
+    Ok(Detectors { graph: graph.upstream_of(|it| it.node == RECORDER || it.node == TABLE), board, labels })
 }
 
 /// Scale, node and output port of the features to take.

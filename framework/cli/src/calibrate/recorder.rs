@@ -92,7 +92,7 @@ fn without_board(camera_frame: &CameraFrame) -> CameraFrame {
 /// Makes the node known, its nodes tied to `shared`.
 pub fn register(registry: &mut Registry, shared: &Shared) {
     let shared = Arc::clone(shared);
-    registry.add_made::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
+    registry.add_with::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
 }
 
 #[cfg(test)]

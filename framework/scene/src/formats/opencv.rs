@@ -14,7 +14,7 @@
 //! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_`, or `camera_` and `projector_`, before them.
 //! They become `camera` and `projector`. `img_shape` (rows, columns) is the camera's picture. Other sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
 //!
-//! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are looked for in `extrinsics` beside it.
+//! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are read from `extrinsics` beside it.
 //! Our own exports add `camera_name` and `length_unit`, which other readers pass over.
 
 use std::fmt::Write as _;

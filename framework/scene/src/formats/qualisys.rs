@@ -62,7 +62,7 @@ impl Reader<'_, '_> {
         self.faults.push(CalibrationDiagnostic { place, camera: self.camera.clone(), ..fault });
     }
 
-    /// Reads everything before it gives up, so that all faults are found.
+    /// Reads everything before it returns an error, so that all faults are found.
     fn camera(&mut self, node: Node<'_, '_>) -> Option<Camera> {
         let view = self.numbers(node, "fov_video", ["left", "top", "right", "bottom"]);
         let inner =

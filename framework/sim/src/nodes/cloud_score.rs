@@ -47,13 +47,13 @@ pub struct CloudScoreSettings {
     /// A point farther than this from the surface is wrong [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub wrong_mm: f64,
-    /// The surface is covered where a point is at most so far away in the projector's picture [px]
+    /// The surface is covered where a point is at most this far away in the projector's picture [px]
     #[schemars(range(min = 0.1, max = 100.0))]
     pub near_px: f64,
     /// Clouds of earlier times are not scored [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
-    /// Whether what each cloud is like is saved as `clouds.csv` [–]
+    /// Whether the figures of each cloud are saved as `clouds.csv` [–]
     pub write: bool,
 }
 

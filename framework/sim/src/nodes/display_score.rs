@@ -1,4 +1,4 @@
-//! Where a display draws what is behind it, and where the true eyes would have to see it.
+//! Compares where a display draws points behind it with where the true eyes should see them.
 
 use foveate_estimation::random::Random;
 use foveate_estimation::statistics::percentile;
@@ -34,7 +34,7 @@ const PLACES: [[f64; 2]; 4] = [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisplayScoreSettings {
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// How far the true corners of the tiles are from where the rig has them, standard deviation on each axis [mm]
@@ -48,7 +48,7 @@ impl Default for DisplayScoreSettings {
     }
 }
 
-/// Holds views against true eyes and true tiles.
+/// Compares views with true eyes and true tiles.
 pub struct DisplayScore {
     settings: DisplayScoreSettings,
     random: Random,

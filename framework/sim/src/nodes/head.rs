@@ -14,7 +14,7 @@ ports! {
 }
 
 figures! {
-    "sim_head.buffer_full.*": count, low, "Messages that the simulated head refused since its buffer was full";
+    "sim_head.buffer_full.*": count, low, "Messages that the simulated head refused because its buffer was full";
 }
 
 /// How a head is reached.
@@ -45,7 +45,7 @@ pub struct SimHeadSettings {
     pub axes: Option<AxesSettings>,
     /// From when until when its line is pulled out [s].
     pub unplugged_s: Option<[f64; 2]>,
-    /// From when until when it says nothing, and still does what it is told [s].
+    /// From when until when it answers nothing, and still executes commands [s].
     pub silent_s: Option<[f64; 2]>,
     /// From when until when the line turns bits over [s].
     pub garbage_s: Option<[f64; 2]>,

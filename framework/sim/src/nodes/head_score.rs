@@ -1,4 +1,4 @@
-//! How well heads stay on a target, and how well it is known where they look: against the truth.
+//! How well heads keep a target centred, and how accurate their stated poses are: against the truth.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ pub struct HeadScoreSettings {
     pub target: u32,
     /// The cameras whose figures are those of the run, by name, `*` for any characters; the others are compared with [–].
     pub of: String,
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// Whether each picture's figures are saved as `heads.csv`, and a picture of them as `heads.svg` [–].

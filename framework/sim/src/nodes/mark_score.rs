@@ -35,8 +35,8 @@ figures! {
     "group_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of distances from their means within four marks, one and the three nearest to it, whose true distances change least: the six pairs below the eye of [Davis 2002 §5.5]";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
-    "marks_extra([compared])": count, low, "Labels that are no true mark at all";
-    "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: none of the other figures counts them";
+    "marks_extra([compared])": count, low, "Labels without a true mark";
+    "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: no other figure counts them";
     "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
     "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
     "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world";
@@ -69,7 +69,7 @@ const MOMENTS: usize = 16;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MarkScoreSettings {
-    /// What happens before this session time is not scored, such as the capture of the model; it counts for who is who [s].
+    /// Session time at which scoring begins, such as after the capture of the model; earlier samples still count for the matching of labels [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// A mark reported in a picture farther than this from where it truly is was reported wrongly: a third of the distance between marks [px].
@@ -85,7 +85,7 @@ impl Default for MarkScoreSettings {
     }
 }
 
-/// Compares marks with those truly painted on somebody in a simulated world. Which true mark a label stands for is found out by where it mostly is.
+/// Compares marks with those truly painted on a person in a simulated world. Each label is matched to the true mark that it is mostly closest to.
 ///
 /// What it reports: the figures declared for `sim.mark_score`.
 pub struct MarkScore {
@@ -183,7 +183,7 @@ impl Node for MarkScore {
         if let Some(sentence) = self.warmup.remark(self.settings.start_s) {
             report.remark(format!("marks: {sentence}"));
         } else if names.is_empty() {
-            report.remark("No mark was recovered, or nobody with painted marks was there: nothing was scored.");
+            report.remark("No mark was recovered, or no person with painted marks was there: nothing was scored.");
         }
         self.marks.report_distances(&names, "", report);
         if self.compared != MarkTrack::default() {

@@ -1,4 +1,4 @@
-//! How well points of a surface are measured and followed: against where each point of skin or cloth truly is.
+//! How well points of a surface are measured and tracked: against where each point of skin or cloth truly is.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -37,10 +37,10 @@ pub struct TrackedScoreSettings {
     /// A sample farther than this from the truth is wrong [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub wrong_mm: f64,
-    /// How far around a point the true surface is looked for [mm]
+    /// How far around a point the true surface is searched [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub reach_mm: f64,
-    /// A vertex of the true surface is covered by a point at most so far away [mm]
+    /// A vertex of the true surface is covered by a point at most this far away [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub near_mm: f64,
     /// A camera sees a vertex well from within this angle of its normal [°]

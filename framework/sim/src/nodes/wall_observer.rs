@@ -25,7 +25,7 @@ const FIELDS: u64 = 0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct WallObserverSettings {
-    /// When it looks, what its clock says, when its features arrive.
+    /// Capture times, clock and delivery of its features.
     #[serde(flatten)]
     pub timing: TimingSettings,
     /// Standard deviation of a feature along each axis; stated as it is with each feature [px].

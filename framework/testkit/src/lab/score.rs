@@ -1,4 +1,4 @@
-//! How a tracker did against the truth: identities, misses, false targets, errors, honesty.
+//! Score of a tracker against the truth: identities, misses, false targets, errors, consistency.
 
 use foveate_estimation::gospa::SetDistance;
 use foveate_estimation::identities::{Identified, Identities};

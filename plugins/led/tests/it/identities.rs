@@ -60,7 +60,7 @@ fn a_light_that_comes_back_has_its_identity_again() {
         lights[1] = None;
         lights
     });
-    assert_eq!(rig.tracker.tally().deaths_unseen, 1);
+    assert_eq!(rig.tracker.tally().terminated_unseen, 1);
     assert_eq!(rig.ids(frame(rig.time.as_s()))[1], None);
     rig.watch(0.3, |t| frame(t).map(Some));
     assert_eq!(rig.ids(frame(rig.time.as_s())), before);
@@ -91,7 +91,7 @@ fn a_light_that_stops_while_nobody_sees_it_comes_back_as_itself() {
     let way = |t: f64| Point3::new(0.2, -1.4 + 2.5 * t.min(1.05), 1.2);
     rig.watch(1.0, |t| [Some(way(t))]);
     rig.watch(0.25, |_| [None]);
-    assert_eq!(rig.tracker.tally().deaths_unseen, 1);
+    assert_eq!(rig.tracker.tally().terminated_unseen, 1);
     rig.watch(0.2, |t| [Some(way(t))]);
     assert_eq!(rig.ids([way(2.0)]), [Some(0)]);
 }
@@ -141,7 +141,7 @@ fn an_accident_that_took_a_lost_identity_gives_it_back() {
     rig.watch(0.012, |_| [Some(flash)]); // seen for less than a turn of the cameras
     assert_eq!(rig.ids([flash]), [Some(0)]);
     rig.watch(0.25, |_| [None]);
-    assert_eq!((rig.ids([flash]), rig.tracker.tally().deaths_unconfirmed), ([None], 1));
+    assert_eq!((rig.ids([flash]), rig.tracker.tally().terminated_unconfirmed), ([None], 1));
     rig.watch(0.1, |_| [Some(here)]);
     assert_eq!(rig.ids([here]), [Some(0)]);
 }

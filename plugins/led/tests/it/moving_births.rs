@@ -21,7 +21,7 @@ fn flying(speed: f64) -> impl Fn(f64) -> [Light; 1] {
     move |t: f64| [Light::at(Point3::new(0.2, -1.0 + speed * t, 1.2))]
 }
 
-/// Four cameras at 15 Hz that nobody synchronised: 17 ms between two that look, on average.
+/// Four cameras at 15 Hz without synchronisation: 17 ms between two that look, on average.
 fn slow_lab() -> Lab {
     Lab { rate: 15.0, ..Lab::new(4) }
 }

@@ -1,4 +1,4 @@
-//! From pictures to targets in the simulated lab: eighteen cameras that nobody synchronised, a walking person with eight
+//! From pictures to targets in the simulated lab: eighteen cameras without synchronisation, a walking person with eight
 //! LEDs, monitors, glints, noise, and a background that was learnt with the person in view.
 
 use foveate::estimation::random::Random;
@@ -93,6 +93,6 @@ fn eight_leds_are_eight_targets_and_nothing_else_is() {
     assert_eq!((n_ghosts, n_missed), (0, 0));
     assert!(identities.iter().all(|it| it.len() == 1), "{identities:?}");
     let tally = tracker.tally();
-    assert_eq!(tally.initiations - tally.deaths_unconfirmed, 8, "accidents are tentative, and taken back");
+    assert_eq!(tally.initiations - tally.terminated_unconfirmed, 8, "accidents are tentative, and taken back");
     assert!(rms_mm < 2.5, "{rms_mm} mm");
 }

@@ -252,7 +252,7 @@ fn an_accident_is_taken_back() {
     rig.watch(ms(20.0), ms(158.0), &[99], &[]);
     assert_eq!(rig.tracker.n_targets(), 1);
     rig.watch(ms(158.1), ms(165.0), &[99], &[]);
-    assert_eq!((rig.tracker.n_targets(), rig.tracker.tally().deaths_unconfirmed), (0, 1));
+    assert_eq!((rig.tracker.n_targets(), rig.tracker.tally().terminated_unconfirmed), (0, 1));
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn a_target_dies_when_unseen_for_too_long_and_its_identity_is_not_used_again() {
     assert!(rig.targets().list[0].cameras.is_empty());
     rig.see(last + Interval::from_ms(301.0), 1, &[]);
     assert!(rig.ids().is_empty());
-    assert_eq!(rig.tracker.tally().deaths_unseen, 1);
+    assert_eq!(rig.tracker.tally().terminated_unseen, 1);
     rig.watch(last + Interval::from_ms(400.0), last + Interval::from_ms(500.0), &[], &[SPOT]);
     assert_eq!(rig.ids(), [1]);
 }
@@ -279,7 +279,7 @@ fn a_target_dies_when_one_camera_only_sees_it_for_too_long() {
     assert_eq!(rig.ids(), [0]);
     rig.watch(ms(1290.0), ms(1330.0), &[3], &[SPOT]);
     assert!(rig.ids().is_empty());
-    assert_eq!((rig.tracker.tally().deaths_single_view, rig.tracker.tally().deaths_unseen), (1, 0));
+    assert_eq!((rig.tracker.tally().terminated_single_view, rig.tracker.tally().terminated_unseen), (1, 0));
     // Two cameras are enough to stay alive.
     rig.watch(ms(2000.0), ms(2200.0), &[], &[SPOT]);
     rig.watch(ms(2200.0), ms(4000.0), &[1, 3], &[SPOT]);
@@ -414,7 +414,7 @@ fn targets_are_born_in_the_working_volume_only_and_die_outside() {
     rig.tracker = Tracker::new(settings, rig.cameras.clone(), Some(low));
     let mut z = 1.2;
     let mut time = ms(0.0);
-    while rig.tracker.tally().deaths_outside == 0 && z > 0.5 {
+    while rig.tracker.tally().terminated_outside == 0 && z > 0.5 {
         rig.watch(time, time + Interval::from_ms(16.0), &[], &[Point3::new(0.0, 0.0, z)]);
         time = time + Interval::from_ms(16.0);
         z -= 0.008;

@@ -241,7 +241,7 @@ fn thousands_of_commands_over_a_bad_line_end_where_the_last_one_says() {
 #[test]
 fn a_command_that_arrives_changed_is_given_again() {
     let mut bench = Bench::ready();
-    // What the head is told behind the driver's back: as if a digit had been changed on the line.
+    // A command that the driver does not know of, as if a digit had been changed on the line.
     bench.go(400, 0);
     bench.reaches(400, 0);
     bench.head.write(bench.now, &[0x81, 0x01, 0x06, 0x02, 0x18, 0x14, 0, 0, 9, 0, 0, 0, 0, 0, 0xFF]);
@@ -275,7 +275,7 @@ fn a_full_buffer_is_waited_for_and_cleared() {
     let slow = HeadSettings { take_up_ms: 1000.0, ..HeadSettings::default() };
     let mut bench = Bench::with(&slow, &LineSettings::default(), DriverSettings::default());
     bench.run_ms(500.0);
-    // Another controller fills both sockets; what the head says to it is not heard.
+    // Another controller fills both sockets; its replies are not received.
     bench.deaf = true;
     bench.head.write(bench.now, &[0x81, 0x01, 0x06, 0x04, 0xFF, 0x81, 0x01, 0x06, 0x05, 0xFF]);
     bench.run_ms(80.0);

@@ -1,7 +1,7 @@
 //! Our packets against 281 byte strings of another implementation of VISCA.
 //!
 //! Of 223 of a controller we write 36 byte by byte and read them back: motors, limits, zoom, focus, power, inquiries. The others must be
-//! taken for none of ours: exposure, colour, gain, presets, menus, focus by speed, raw bytes. Of 58 of a head all are framed and told
+//! taken for none of ours: exposure, colour, gain, presets, menus, focus by speed, raw bytes. Of 58 of a head all are framed and found
 //! apart as acknowledgement, completion, refusal or answer; 30 are read to what they mean, the other answers are to inquiries that we never make.
 
 use std::collections::BTreeSet;

@@ -1,4 +1,4 @@
-//! Bodies with what came after them: a fixed-lag smoother over the steps of their filters.
+//! Bodies with later measurements: a fixed-lag smoother over the steps of their filters.
 
 use std::collections::VecDeque;
 

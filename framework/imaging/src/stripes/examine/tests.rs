@@ -62,7 +62,7 @@ fn exchanged(a: usize, b: usize) -> impl Fn(&SetFault) -> bool {
 }
 
 fn negative(at: usize) -> impl Fn(&SetFault) -> bool {
-    move |it| matches!(it, SetFault::Negative { picture, shown, mended: true } if *picture == at && *shown == wall_code().pictures()[at])
+    move |it| matches!(it, SetFault::Negative { picture, shown, .. } if *picture == at && *shown == wall_code().pictures()[at])
 }
 
 fn bit(axis: Axis, plane: u32, inverse: bool) -> Shown {

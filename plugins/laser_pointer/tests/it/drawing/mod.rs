@@ -17,7 +17,7 @@ use tungstenite::{Message, WebSocket};
 
 use self::room::{CENTRES, RADIUS, WALL, place, run};
 
-/// Nobody listens there.
+/// An address without a listener.
 const NOBODY: &str = "127.0.0.1:9";
 
 /// A picture of the page for people, where they want one.
@@ -208,7 +208,7 @@ fn clients_that_stall_flood_or_are_forged_are_counted_and_the_others_go_on() {
     drop(stalled);
     assert_eq!((counts.foreign_origins, counts.flooding), (1, 1), "{counts:?}");
     assert!(outcome.report.figures["page.refused"] >= 1.0);
-    let told = outcome.report.remarks.iter().any(|it| it.contains("a window said `all your base`"));
-    assert!(told, "{:?}", outcome.report.remarks);
+    let reported = outcome.report.remarks.iter().any(|it| it.contains("`all your base`"));
+    assert!(reported, "{:?}", outcome.report.remarks);
     println!("{last} messages, longest silence {worst_gap:?}; {counts:?}");
 }

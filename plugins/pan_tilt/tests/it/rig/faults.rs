@@ -41,14 +41,14 @@ fn check(settings: &str, said: &[&str]) {
 
 #[test]
 fn a_head_that_is_unplugged_and_back() {
-    check("unplugged_s = [2, 4]", &["nothing comes back"]);
+    check("unplugged_s = [2, 4]", &["no answer"]);
     // Over IP each message is sent three times before it counts as unanswered.
-    check("unplugged_s = [2, 5]\nover = \"network\"", &["nothing comes back"]);
+    check("unplugged_s = [2, 5]\nover = \"network\"", &["no answer"]);
 }
 
 #[test]
 fn a_head_that_says_nothing_for_a_while() {
-    check("silent_s = [2, 4]", &["nothing comes back"]);
+    check("silent_s = [2, 4]", &["no answer"]);
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn a_head_that_is_never_there_is_said_to_be_so() {
     let (outcome, heard) = run_rig(&text);
     assert!(outcome.faults.is_empty());
     assert_eq!(outcome.report.figures["heads.wide-3.away_s"].round(), 3.0);
-    assert!(outcome.report.remarks.iter().any(|it| it.contains("wide-3") && it.contains("nothing comes back")));
+    assert!(outcome.report.remarks.iter().any(|it| it.contains("wide-3") && it.contains("no answer")));
     assert!(heard.events.is_empty() && !outcome.gaps.is_empty());
 }
 

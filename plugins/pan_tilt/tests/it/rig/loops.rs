@@ -202,7 +202,7 @@ fn a_camera_on_a_head_sees_as_it_is_turned() {
 #[test]
 fn a_head_is_real_or_simulated() {
     let neither = load(&rig_text(1.0, "", r#"in = { commands = "orders.commands" }"#, "")).err().unwrap();
-    assert!(neither.contains("found neither `port` nor anything at the input `line`"), "{neither}");
+    assert!(neither.contains("neither `port` nor the input `line`"), "{neither}");
     let both = load(&rig_text(1.0, "", &format!("{WIRED}\nport = \"udp://localhost\""), &simulated(""))).err().unwrap();
     assert!(both.contains("a head is real or simulated"), "{both}");
 }

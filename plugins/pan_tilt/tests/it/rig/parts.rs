@@ -179,7 +179,7 @@ pub fn load(text: &str) -> Result<(foveate_embed::rig::graph::Graph, Arc<Mutex<H
     foveate_pan_tilt::register(&mut registry);
     registry.add::<Orders>();
     let ears = Arc::clone(&heard);
-    registry.add_made::<Listener>(move |_, _| Ok(Listener(Arc::clone(&ears))));
+    registry.add_with::<Listener>(move |_, _| Ok(Listener(Arc::clone(&ears))));
     let path = foveate_testkit::data::workspace_root().join("graphs/head-test.toml");
     let graph = rig::load(text, &path, &registry, &Overrides::default()).map_err(|faults| faults.to_string())?;
     Ok((graph, heard))

@@ -1,4 +1,4 @@
-//! What the head should do: of each kind the newest command alone.
+//! Pending commands: the newest of each kind.
 
 use foveate::prelude::Time;
 
@@ -7,7 +7,7 @@ use crate::visca::{Command, Corner, PanDrive, TiltDrive, ZoomDrive};
 
 /// A command that was given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Wish {
+pub(super) struct PendingCommand {
     pub id: CommandId,
     pub command: Command,
     /// When it was given.
@@ -57,40 +57,40 @@ impl Part {
     }
 }
 
-/// One wish a part, or none.
+/// At most one pending command per part.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Wishes([Option<Wish>; Part::ALL.len()]);
+pub(super) struct PendingCommands([Option<PendingCommand>; Part::ALL.len()]);
 
-impl Wishes {
-    /// Puts a wish into its place; gives the one that was there.
-    pub(super) fn put(&mut self, wish: Wish) -> Option<Wish> {
-        self.0[Part::of(&wish.command).index()].replace(wish)
+impl PendingCommands {
+    /// Stores a command; returns the one that it replaces.
+    pub(super) fn put(&mut self, pending: PendingCommand) -> Option<PendingCommand> {
+        self.0[Part::of(&pending.command).index()].replace(pending)
     }
 
-    pub(super) fn get(&self, part: Part) -> Option<Wish> {
+    pub(super) fn get(&self, part: Part) -> Option<PendingCommand> {
         self.0[part.index()]
     }
 
-    pub(super) fn take(&mut self, part: Part) -> Option<Wish> {
+    pub(super) fn take(&mut self, part: Part) -> Option<PendingCommand> {
         self.0[part.index()].take()
     }
 
-    /// The next one to be sent.
-    pub(super) fn first(&self) -> Option<Wish> {
+    /// The next command to be sent.
+    pub(super) fn first(&self) -> Option<PendingCommand> {
         self.0.iter().copied().flatten().next()
     }
 
-    pub(super) fn all(&self) -> impl Iterator<Item = Wish> + '_ {
+    pub(super) fn all(&self) -> impl Iterator<Item = PendingCommand> + '_ {
         self.0.iter().copied().flatten()
     }
 }
 
-/// Whether doing a command twice is the same as once.
+/// Whether executing a command twice has the same effect as once.
 pub(super) fn is_repeatable(command: &Command) -> bool {
     !matches!(command, Command::Relative { .. })
 }
 
-/// Where a command leads, where that is known [units]: pan and tilt, or zoom and 0.
+/// The target position of a command, where known [units]: pan and tilt, or zoom and 0.
 pub(super) fn destination(command: &Command) -> Option<[i32; 2]> {
     match *command {
         Command::Absolute { pan, tilt, .. } => Some([pan, tilt]),
@@ -100,7 +100,7 @@ pub(super) fn destination(command: &Command) -> Option<[i32; 2]> {
     }
 }
 
-/// Whether a command sets something going that goes on when the line is cut.
+/// Whether a command starts a motion that continues when the line is cut.
 pub(super) fn is_drive(command: &Command) -> bool {
     match *command {
         Command::Drive { pan, tilt, .. } => pan != PanDrive::Stop || tilt != TiltDrive::Stop,

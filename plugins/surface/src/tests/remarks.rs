@@ -21,8 +21,8 @@ fn a_texture_that_repeats_is_left_out_and_told_and_one_with_a_little_of_its_own_
             let (wrong, all) = off(&scene, &points);
             assert!(20 * wrong <= all, "{period}, {n_cameras} cameras: {wrong} of {all}: {:?}", report.figures);
             let refused = report.figures["surface.refused.repeats"];
-            let is_told = report.remarks.iter().any(|it| it.contains("look as good at another depth"));
-            assert_eq!(refused > 0.0, is_told, "{:?}", report.remarks);
+            let is_reported = report.remarks.iter().any(|it| it.contains("match as well at another depth"));
+            assert_eq!(refused > 0.0, is_reported, "{:?}", report.remarks);
             n_refused += refused;
         }
     }
@@ -39,32 +39,32 @@ fn a_texture_that_repeats_is_left_out_and_told_and_one_with_a_little_of_its_own_
 fn a_calibration_of_other_pictures_is_told() {
     let cameras = cameras(2);
     let scene = Scene::of(Shape::Plane, 33);
-    let told = |turned_deg: f64| {
+    let outcome = |turned_deg: f64| {
         let mut list = cameras.clone();
         let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turned_deg.to_radians());
         list[1].camera_from_world = Isometry3::from_parts(Vector3::zeros().into(), roll) * list[1].camera_from_world;
         let (points, report) = matched(scene.pictures(&list), &cameras, settings());
-        let is_told = report.remarks.iter().any(|it| it.contains("off their epipolar lines"));
-        (points.len(), is_told, report)
+        let is_reported = report.remarks.iter().any(|it| it.contains("off their epipolar lines"));
+        (points.len(), is_reported, report)
     };
-    let (n, is_told, report) = told(0.0);
-    assert!(n > 330 && !is_told, "{n}: {:?}", report.remarks);
-    let (n, is_told, report) = told(3.0);
-    assert!(n == 0 && is_told, "{n}: {:?} {:?}", report.remarks, report.figures);
+    let (n, is_reported, report) = outcome(0.0);
+    assert!(n > 330 && !is_reported, "{n}: {:?}", report.remarks);
+    let (n, is_reported, report) = outcome(3.0);
+    assert!(n == 0 && is_reported, "{n}: {:?} {:?}", report.remarks, report.figures);
 }
 
 #[test]
 fn motion_that_is_too_fast_for_the_search_is_told() {
     let cameras = cameras(2);
     let scene = Scene::of(Shape::Plane, 71);
-    let told = |step_m: f64| {
+    let outcome = |step_m: f64| {
         let moments: Vec<Vec<Image>> = (0..3)
             .map(|k| scene.moved(Isometry3::translation(step_m * k as f64, 0.0, 0.0)).pictures(&cameras))
             .collect();
         tracked(&moments, &cameras, tracking()).1.remarks.iter().any(|it| it.contains("`first_search_px` = 8"))
     };
-    assert!(!told(0.006));
-    assert!(told(0.03));
+    assert!(!outcome(0.006));
+    assert!(outcome(0.03));
 }
 
 #[test]
@@ -75,11 +75,11 @@ fn uniform_motion_is_told_by_the_spacing_of_the_points_and_by_their_errors() {
     let kept = |uniform_radius_mm: f64, uniform_mm: f64| {
         let (surfaces, report) =
             tracked(&moments, &cameras, tracker::TrackerSettings { uniform_radius_mm, uniform_mm, ..tracking() });
-        let is_told = report.remarks.iter().any(|it| it.contains("move otherwise than those around them"));
-        (surfaces[3].list.iter().filter(|it| it.n_samples == 4).count(), is_told)
+        let is_reported = report.remarks.iter().any(|it| it.contains("move unlike their neighbours"));
+        (surfaces[3].list.iter().filter(|it| it.n_samples == 4).count(), is_reported)
     };
-    let (n, is_told) = kept(0.0, 0.0);
-    assert!(n > 300 && !is_told, "{n}");
+    let (n, is_reported) = kept(0.0, 0.0);
+    assert!(n > 300 && !is_reported, "{n}");
     // Less than from a point to the next.
     assert_eq!(kept(1.0, 0.0), (0, true));
 }
@@ -106,7 +106,7 @@ fn a_moment_without_a_picture_leaves_its_number_free_and_counts_in_the_mean_step
     let cameras = cameras(2);
     let scene = Scene::of(Shape::Plane, 72);
     // Of moment 2 the reference has no picture; of moment 4 no camera has one, and nothing comes.
-    let told = |moments: &[u32]| {
+    let outcome = |moments: &[u32]| {
         let mut bench = NodeBench::<tracker::Tracker>::with_setup(tracking(), &setup(&cameras)).unwrap();
         for k in moments {
             let moved = scene.moved(Isometry3::translation(1.5e-3 * f64::from(*k), 0.0, 0.0));
@@ -121,8 +121,8 @@ fn a_moment_without_a_picture_leaves_its_number_free_and_counts_in_the_mean_step
         assert!((step_mm - 1.5).abs() < 0.02, "{step_mm} mm with {moments:?}");
         numbers
     };
-    assert_eq!(told(&[0, 1, 2, 3, 5]), [0, 1, 3, 4]);
-    assert_eq!(told(&[1, 2, 3]), [0, 2]);
+    assert_eq!(outcome(&[0, 1, 2, 3, 5]), [0, 1, 3, 4]);
+    assert_eq!(outcome(&[1, 2, 3]), [0, 2]);
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn a_calibration_in_millimetres_is_told_and_points_that_are_too_fast_are_not_cal
     let moments: Vec<Vec<Image>> = (0..3)
         .map(|k| scene.moved(Isometry3::translation(1.5e-3 * f64::from(k), 0.0, 0.0)).pictures(&cameras(2)))
         .collect();
-    let told = |unit: f64| {
+    let outcome = |unit: f64| {
         let mut cameras = cameras(2);
         cameras.iter_mut().for_each(|it| it.camera_from_world.translation.vector *= unit);
         let mut setup = setup(&cameras);
@@ -143,7 +143,7 @@ fn a_calibration_in_millimetres_is_told_and_points_that_are_too_fast_are_not_cal
         }
         bench.finish().unwrap().remarks.join("; ")
     };
-    let (as_is, in_mm) = (told(1.0), told(1000.0));
+    let (as_is, in_mm) = (outcome(1.0), outcome(1000.0));
     assert!(!as_is.contains("millimetres") && !as_is.contains("max_speed"), "{as_is}");
     assert!(in_mm.contains("--metres-per-unit 0.001") && in_mm.contains("faster than `max_speed`"), "{in_mm}");
     assert!(!in_mm.contains("not found in the next picture"), "{in_mm}");
@@ -169,7 +169,7 @@ fn a_camera_that_faces_a_surface_and_does_not_see_it_is_counted() {
 fn a_volume_that_cuts_the_surface_is_told() {
     let cameras = cameras(2);
     let scene = Scene::of(Shape::Plane, 85);
-    let told = |low: f64| {
+    let outcome = |low: f64| {
         let setup = Setup { volume_m: Some([[low, -0.15, -0.15], [0.15, 0.15, 0.15]]), ..setup(&cameras) };
         let mut bench = NodeBench::<matcher::Matcher>::with_setup(settings(), &setup).unwrap();
         bench.feed_set(&matcher::IMAGE, Time::from_s(1.0), scene.pictures(&cameras)).unwrap();
@@ -177,6 +177,6 @@ fn a_volume_that_cuts_the_surface_is_told() {
         assert!(points.len() > 150 && points.iter().all(|it| f64::from(it.position.x) > low - 1e-6));
         bench.finish().unwrap().remarks.iter().any(|it| it.contains("beyond the scale's `volume_m`"))
     };
-    assert!(told(-0.02));
-    assert!(!told(-0.15));
+    assert!(outcome(-0.02));
+    assert!(!outcome(-0.15));
 }

@@ -1,32 +1,32 @@
-//! What the settings say of the wall, held against what it was told to show.
+//! Compares the wall's settings with the dots or boards that it was requested to show.
 
 use super::shown::{Shown, WallSize};
 
 /// Coordinates this near to each other are one row or column [m].
 const SAME_M: f64 = 1e-3;
-/// The wall goes on beyond the outermost dot by at most so many of the largest steps between dots.
+/// The wall extends beyond the outermost dot by at most this many of the largest steps between dots.
 const MARGIN_STEPS: f64 = 1.5;
-/// Steps between dots of one display are alike to this part of them.
+/// Largest relative difference of steps between dots of one display.
 const UNEVEN: f64 = 0.25;
 
-/// What is shown beyond the wall that `wall` describes, in words.
+/// Checks that everything was shown within the wall that `wall` describes.
 ///
 /// # Errors
-/// The place that lies farthest beyond it.
+/// The place that is farthest outside.
 pub(super) fn beyond(wall: &WallSize, shown: &[Shown], things: &str) -> Result<(), String> {
     let [width, height] = wall.size_m;
     let over = |it: &nalgebra::Point2<f64>| (-it.x).max(-it.y).max(it.x - width).max(it.y - height);
     let points = shown.iter().flat_map(|it| &it.points);
     match points.max_by(|a, b| over(a).total_cmp(&over(b))) {
         Some(it) if over(it) > SAME_M => Err(format!(
-            "the wall was told to show {things} as far as ({:.3}, {:.3}) m from its upper left corner, and `size_m` says that it ends at ({width}, {height}) m: one of them is wrong",
+            "the wall was requested to show {things} as far as ({:.3}, {:.3}) m from its upper left corner, but ends at ({width}, {height}) m by `size_m`: one of them is wrong",
             it.x, it.y
         )),
         _ => Ok(()),
     }
 }
 
-/// What of `size_m` and `tiles` does not go with `shown`, all of which a whole run has shown.
+/// Contradictions between `size_m` or `tiles` and `shown`, which is everything that a whole run has shown.
 pub(super) fn doubts(wall: &WallSize, shown: &[Shown], things: &str) -> Vec<String> {
     let mut doubts = Vec::new();
     let lines = [0, 1].map(|axis| lines(shown, axis));
@@ -37,7 +37,7 @@ pub(super) fn doubts(wall: &WallSize, shown: &[Shown], things: &str) -> Vec<Stri
             continue;
         };
         doubts.push(format!(
-            "between the last of the {things} and the {edge} edge that `size_m` says are {:.0} cm, and they are at most {:.0} cm apart: is the wall {size} m {side}? Beyond the {things} maps are extrapolated",
+            "the {edge} edge by `size_m` is {:.0} cm from the last of the {things}, which are at most {:.0} cm apart: is the wall {size} m {side}? Beyond the {things} maps are extrapolated",
             margin * 100.0,
             step * 100.0
         ));
@@ -78,7 +78,7 @@ pub(super) fn doubts(wall: &WallSize, shown: &[Shown], things: &str) -> Vec<Stri
     doubts
 }
 
-/// The columns (axis 0) or rows in which points lie [m].
+/// The columns (axis 0) or rows of the points [m].
 fn lines(shown: &[Shown], axis: usize) -> Vec<f64> {
     let mut all: Vec<f64> = shown.iter().flat_map(|it| it.points.iter().map(|it| it[axis])).collect();
     all.sort_by(f64::total_cmp);
@@ -117,10 +117,10 @@ mod tests {
     #[test]
     fn a_wall_too_small_is_refused_and_one_too_large_or_other_displays_are_doubted() {
         let why = beyond(&wall([3.9, 1.212], [4, 2]), &dots(), "dots").unwrap_err();
-        assert!(why.contains("as far as (4.016") && why.contains("ends at (3.9, 1.212)"), "{why}");
+        assert!(why.contains("as far as (4.016") && why.contains("(3.9, 1.212)"), "{why}");
         let said = |size_m, tiles| doubts(&wall(size_m, tiles), &dots(), "dots").join("; ");
         let wide = said([4.9, 1.212], [4, 2]);
-        assert!(wide.contains("right edge that `size_m` says are 88 cm") && wide.contains("at most 24 cm"), "{wide}");
+        assert!(wide.contains("right edge by `size_m` is 88 cm") && wide.contains("at most 24 cm"), "{wide}");
         assert!(said([4.036, 1.212], [3, 2]).contains("3 displays in columns"), "{}", said([4.036, 1.212], [3, 2]));
         // Half as many: equal counts, but bezels within.
         let half = said([4.036, 1.212], [2, 2]);
