@@ -197,7 +197,7 @@ impl Node for Integrator {
             let worst = worst.map_or("", |it| it.1.as_str());
             report.remark(format!(
                 "{late} of {} camera frames came too long after newer ones and were not used, most of them from {worst}: that machine is too \
-                 slow, or its clock is wrong; late = \"out_of_sequence\", a larger history_ms and clocks = \"correct\" use them",
+                 slow, or its clock is wrong; a larger history_ms (with late = \"out_of_sequence\") and clocks = \"correct\" use them",
                 late + applied
             ));
         }
@@ -208,7 +208,6 @@ impl Node for Integrator {
                 self.ahead.as_s() * 1e3
             ));
         }
-        self.report_nothing(report);
         // By camera only where something went wrong: a rig of many cameras has enough to read.
         for (camera, name) in tally.cameras.iter().zip(&self.camera_names) {
             for (what, count) in
@@ -221,20 +220,37 @@ impl Node for Integrator {
         }
         self.report_consistency(report);
         self.report_clocks(report);
-        Ok(())
+        self.report_nothing(report)
     }
 }
 
 impl Integrator {
-    /// The reason if no target was recovered.
-    fn report_nothing(&self, report: &mut Report) {
+    /// The reason if no target was recovered. Refused input of the node itself comes first: the rest follows from it.
+    ///
+    /// # Errors
+    /// All of it was refused.
+    fn report_nothing(&self, report: &mut Report) -> Result<(), NodeError> {
         let tally = self.tracker.tally();
         let n_seeing = tally.cameras.iter().filter(|it| it.applied > 0).count();
         if tally.initiations > 0 {
-            return;
+            return Ok(());
+        }
+        let n_good = tally.used + tally.unmatched;
+        let bad_numbers =
+            "features have a place or a covariance that is not finite, or a covariance that is not positive";
+        let (n_refused, refused) = match n_seeing {
+            0 if self.unknown_camera > 0 => (self.unknown_camera, "frames are of cameras that the calibration lacks"),
+            0 => (self.from_the_future, "frames are stamped later than they came"),
+            _ if n_good == 0 => (tally.unusable, bad_numbers),
+            _ => (0, ""),
+        };
+        if n_refused > 0 {
+            return Err(NodeError::input(format!("no target was ever initiated: all {n_refused} {refused}")));
         }
         let why = if n_seeing == 0 {
             "no camera delivered a frame".to_owned()
+        } else if tally.unusable > n_good {
+            format!("{} of {} {bad_numbers}", tally.unusable, tally.unusable + n_good)
         } else if let Some(why) = self.too_short() {
             why
         } else if n_seeing < self.initiation_cameras as usize {
@@ -259,6 +275,7 @@ impl Integrator {
             )
         };
         report.remark(format!("no target was ever initiated: {why}"));
+        Ok(())
     }
 
     fn observe(&mut self, time: Time, features: &Features) -> Entry {
@@ -329,6 +346,7 @@ fn is_inside(point: &Point3<f64>, [min, max]: &[[f64; 3]; 2]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use foveate::node::error::Blame;
     use foveate_testkit::check_node;
 
     use super::*;
@@ -341,6 +359,11 @@ mod tests {
 
     /// What is said of a run of two cameras that see lights from `first_s` on and end at `end_s`, and nothing meets.
     fn said(first_s: f64, end_s: f64) -> String {
+        run(first_s, end_s, 1.0).unwrap().remarks.join("\n")
+    }
+
+    /// Two cameras see a light each from `first_s` to `end_s`, at places with this variance [px²].
+    fn run(first_s: f64, end_s: f64, variance: f64) -> Result<Report, NodeError> {
         let camera = |name: &str, x: f64| {
             format!(
                 "[camera.{name}]\nimage_size_px = [640, 480]\nfocal_px = [600, 600]\nprincipal_point_px = [319.5, 239.5]\n\
@@ -356,15 +379,23 @@ mod tests {
             let time = Time::from_s(frame as f64 / 20.0);
             for camera in 0..2 {
                 let centre = [10.0 + 300.0 * f64::from(camera), 20.0].into();
-                let light =
-                    Feature { centre, covariance: nalgebra::Matrix2::identity(), area: 9, peak: 200, label: None };
+                let covariance = nalgebra::Matrix2::identity() * variance;
+                let light = Feature { centre, covariance, area: 9, peak: 200, label: None };
                 let list = if time >= Time::from_s(first_s) { vec![light] } else { Vec::new() };
                 node.observe(time, &Features { camera: CameraId(camera), list });
             }
         }
         let mut report = Report::default();
-        node.finish(&mut report).unwrap();
-        report.remarks.join("\n")
+        node.finish(&mut report).map(|()| report)
+    }
+
+    #[test]
+    fn features_that_were_refused_are_the_cause_and_not_that_no_light_was_seen() {
+        let fault = run(0.5, 3.0, f64::NAN).unwrap_err();
+        assert_eq!(fault.blame, Blame::Input);
+        // 51 frames of two cameras from 0.5 s on.
+        assert!(fault.message.contains("all 102 features") && !fault.message.contains("saw no light"), "{fault}");
+        assert_eq!(run(9.0, 3.0, f64::NAN).map(|it| it.figures["integrator.observations_unusable"]), Ok(0.0));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use foveate::estimation::random::Random;
 use foveate::estimation::statistics::median;
 use foveate::geometry::{AlignmentOptions, Camera, CameraStatus, Distortion, Freedom, Intrinsics, align};
-use foveate_calibration::network::{NetworkOptions, Sought, from_nothing};
+use foveate_calibration::network::{CalibrationTarget, NetworkOptions, from_nothing};
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_calibration::solved::ObservationRole;
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -143,7 +143,7 @@ fn trial(seed: u64, n_cameras: usize, n_sets: usize, has_optics: bool) -> Option
     };
     let recording = Recording { cameras: (0..=n_cameras).map(guess).collect(), camera_frames };
     let options = NetworkOptions { focal_unknown: !has_optics, ..NetworkOptions::default() };
-    let solved = from_nothing(&recording, Sought::Labels { mirrored: &[] }, &options).ok()?.solved;
+    let solved = from_nothing(&recording, CalibrationTarget::Labels { mirrored: &[] }, &options).ok()?.solved;
     if solved.cameras.iter().any(|it| it.status != CameraStatus::Calibrated) {
         return None;
     }

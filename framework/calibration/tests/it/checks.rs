@@ -48,18 +48,19 @@ fn faults_are_named_where_there_is_next_to_no_noise() {
 }
 
 #[test]
-fn clutter_that_was_left_out_is_told_and_does_no_harm() {
-    let told = |network: &Solved, level: Level| {
+fn clutter_that_was_left_out_is_reported_and_does_no_harm() {
+    let reported = |network: &Solved, level: Level| {
         let checks = checked(network);
-        let mut of_bad = checks.candidates.iter().filter(|it| it.camera == BAD).map(|it| &it.judgement);
-        let told = of_bad.find(|it| it.sentence.contains("not the light"));
-        assert_eq!(told.map(|it| it.level), Some(level), "{checks}");
+        let mut of_bad = checks.candidates.iter().filter(|it| it.camera == BAD);
+        let found = of_bad.find(|it| matches!(it.cause, Cause::FalseObservations { .. }));
+        let judgement = found.map(|it| &it.judgement);
+        assert_eq!(judgement.map(|it| it.level), Some(level), "{checks}");
         assert!(checks.verdict.level == level, "{checks}");
-        assert!(checks.verdict.sentences.iter().any(|it| it.contains("not the light")), "{checks}");
+        assert!(checks.verdict.sentences.iter().any(|it| Some(it) == judgement.map(|it| &it.sentence)), "{checks}");
     };
-    told(&solved(Fault::Wrong(0.3), 1), Level::Good);
-    told(&solved(Fault::Wrong(0.3), 2), Level::Good);
-    told(&solved(Fault::Wrong(0.6), 1), Level::Usable);
+    reported(&solved(Fault::Wrong(0.3), 1), Level::Good);
+    reported(&solved(Fault::Wrong(0.3), 2), Level::Good);
+    reported(&solved(Fault::Wrong(0.6), 1), Level::Usable);
     // What is left is little.
     let mut few = solved(Fault::Wrong(0.3), 1);
     let mut index = 0;
@@ -67,23 +68,23 @@ fn clutter_that_was_left_out_is_told_and_does_no_harm() {
         index += 1;
         it.camera != BAD || index % 8 == 0
     });
-    told(&few, Level::Usable);
+    reported(&few, Level::Usable);
     // Or it is in use.
     let mut in_use = solved(Fault::Wrong(0.3), 1);
     for it in in_use.observations.iter_mut().filter(|it| it.camera == BAD && it.role == ObservationRole::Rejected) {
         it.role = ObservationRole::Used;
     }
-    told(&in_use, Level::Usable);
+    reported(&in_use, Level::Usable);
 }
 
 #[test]
-fn the_culprit_comes_first_and_by_name() {
+fn the_faulty_camera_comes_first_and_by_name() {
     let checks = checked(&solved(Fault::Moved(10.0), 3));
     assert_eq!(checks.verdict.level, Level::Redo);
     let first = &checks.verdict.sentences[0];
-    assert!(first.contains("wide-4") && first.contains("moved at 10.0 s"), "{first}");
+    assert!(first.contains("wide-4") && first.contains("10.0 s"), "{first}");
     let text = checks.to_string();
-    for wanted in ["verdict: redo", "wide-8", "mrad", "held back", "handedness"] {
+    for wanted in ["verdict: redo", "wide-8", "mrad", "held out", "handedness"] {
         assert!(text.contains(wanted), "{wanted} in\n{text}");
     }
 }
@@ -106,10 +107,10 @@ fn hold_out_errors_are_as_large_as_noise_and_geometry_make_them() {
 }
 
 #[test]
-fn what_two_cameras_saw_together_and_is_at_no_place_is_told() {
+fn common_observations_that_intersect_nowhere_are_reported() {
     let mut room = solved(Fault::Nothing, 1);
     assert!(checked(&room).fit.unsolved < 0.05, "{}", checked(&room).fit.unsolved);
-    // Of three points of four nothing was made.
+    // Three points of four were not found.
     for observation in room.observations.iter_mut().filter(|it| it.point.is_some_and(|point| point % 4 > 0)) {
         *observation =
             SolvedObservation { point: None, residual: None, role: ObservationRole::Unsolved, ..*observation };
@@ -119,7 +120,8 @@ fn what_two_cameras_saw_together_and_is_at_no_place_is_told() {
     let found = checked(&room);
     assert!((0.6..0.9).contains(&found.fit.unsolved), "{}", found.fit.unsolved);
     assert_eq!(found.fit.judgement.level, Level::Redo);
-    assert!(found.fit.judgement.sentence.contains("is at no place"), "{}", found.fit.judgement.sentence);
+    let percent = format!("{:.0} %", 100.0 * found.fit.unsolved);
+    assert!(found.fit.judgement.sentence.contains(&percent), "{}", found.fit.judgement.sentence);
 }
 
 #[test]
@@ -132,12 +134,12 @@ fn a_camera_that_was_fitted_to_what_was_chosen_for_it_is_to_be_done_again() {
     let found = checked(&room);
     let judgement = &found.cameras[2].judgement;
     assert_eq!(judgement.level, Level::Redo, "{judgement:?}");
-    assert!(judgement.sentence.contains("where it was held out"), "{judgement:?}");
+    assert!(judgement.sentence.contains("wide-3"), "{judgement:?}");
     assert!(found.cameras.iter().enumerate().all(|(at, it)| at == 2 || it.judgement.level < Level::Redo));
 }
 
 #[test]
-fn what_is_under_the_floor_is_told_where_there_is_a_floor() {
+fn cameras_below_the_floor_are_named_where_there_is_a_floor() {
     let mut network = solved(Fault::Nothing, 1);
     let fixed = || Some(Fixed { by: "an L-frame".to_owned(), sigma: None });
     (network.fixed.gravity, network.fixed.origin) = (fixed(), fixed());
@@ -150,13 +152,13 @@ fn what_is_under_the_floor_is_told_where_there_is_a_floor() {
     let floor = checked(&network).floor;
     assert_eq!((floor.judgement.level, floor.cameras_below), (Level::Redo, vec![BAD]));
     assert!(floor.judgement.sentence.contains("wide-4") && floor.judgement.sentence.contains("0.59 m"));
-    // Nothing says where the floor is: nobody is accused.
+    // The floor is unknown: no camera is named.
     network.fixed.origin = None;
     assert!(!checked(&network).floor.fixed);
 }
 
 #[test]
-fn lengths_that_grow_along_an_axis_are_told_with_it() {
+fn lengths_that_grow_along_an_axis_are_reported_with_it() {
     let network = solved(Fault::Nothing, 1);
     let samples = |slope: f64| -> Vec<LengthSample> {
         let at = |it: usize| Point3::new(0.1 * (it % 7) as f64, 0.01 * it as f64, (it % 3) as f64);
@@ -172,7 +174,7 @@ fn lengths_that_grow_along_an_axis_are_told_with_it() {
 }
 
 #[test]
-fn a_camera_that_hangs_on_one_other_is_named() {
+fn a_camera_that_is_linked_to_one_other_is_named() {
     let mut network = solved(Fault::Nothing, 1);
     let seen_by = |camera: usize, network: &Solved| -> Vec<usize> {
         network.observations.iter().filter(|it| it.camera == camera).map(|it| it.frame).collect()
@@ -190,13 +192,13 @@ fn a_camera_that_hangs_on_one_other_is_named() {
 }
 
 #[test]
-fn a_camera_that_was_not_calibrated_is_told_with_the_reason() {
+fn a_camera_that_was_not_calibrated_is_named_with_the_reason() {
     let mut network = solved(Fault::Nothing, 1);
     network.cameras[5].status = CameraStatus::NoPartner { best: Some(2), common: 4, needed: 10 };
     let checks = checked(&network);
     assert_eq!(checks.verdict.level, Level::Usable);
-    let sentence = "Camera wide-6 shares 4 frames with wide-3, 10 are needed: wave where both see.";
-    assert!(checks.verdict.sentences.iter().any(|it| it == sentence), "{checks}");
+    let is_it = |it: &String| ["wide-6", "4 frames", "wide-3", "10"].iter().all(|part| it.contains(part));
+    assert!(checks.verdict.sentences.iter().any(is_it), "{checks}");
 }
 
 #[test]
@@ -206,14 +208,13 @@ fn a_camera_whose_pose_is_left_open_is_to_be_done_again() {
         open.into_iter().for_each(|it: usize| network.cameras[it].covariance = None);
         let checks = checked(&network);
         assert_eq!(checks.verdict.level, Level::Redo, "{checks}");
-        assert!(
-            checks.cameras[4].judgement.sentence.starts_with("What was seen leaves the pose of camera wide-5 open")
-        );
+        let judgement = &checks.cameras[4].judgement;
+        assert!(judgement.level == Level::Redo && judgement.sentence.contains("wide-5"), "{judgement:?}");
     }
 }
 
 #[test]
-fn clocks_that_no_loop_confirms_and_such_as_were_not_found_are_told() {
+fn clocks_that_no_loop_confirms_or_that_were_not_found_are_reported() {
     let mut network = solved(Fault::Nothing, 1);
     let clock = |pairs: usize| Some(ClockFit { offset_s: 0.1, drift: 0.0, sigma_s: 1e-4, pairs });
     for (index, it) in network.cameras.iter_mut().enumerate() {
@@ -222,10 +223,11 @@ fn clocks_that_no_loop_confirms_and_such_as_were_not_found_are_told() {
     assert_eq!(checked(&network).verdict.level, Level::Good);
     network.cameras[2].clock = clock(1);
     let verdict = checked(&network).verdict;
-    assert!(verdict.level == Level::Usable && verdict.sentences[0].contains("further apart"), "{verdict}");
+    assert!(verdict.level == Level::Usable && verdict.sentences[0].contains("clock of camera wide-3"), "{verdict}");
     let network = left_out(CameraStatus::ClockOpen { best: Some(0) }, |it| it.camera != BAD);
     let verdict = checked(&network).verdict;
-    assert!(verdict.sentences[0].starts_with("The clock of camera wide-4 could not be found beside that of wide-1"));
+    let first = &verdict.sentences[0];
+    assert!(first.contains("clock of camera wide-4") && first.contains("wide-1"), "{verdict}");
 }
 
 /// The room with camera [`BAD`] left out of it, its pixels where `seen` has them.
@@ -242,7 +244,7 @@ fn left_out(why: CameraStatus, seen: impl Fn(&mut SolvedObservation) -> bool) ->
 }
 
 #[test]
-fn a_mirrored_picture_is_named_and_no_lens_is_blamed_for_it() {
+fn a_mirrored_picture_is_named_and_no_lens_is_diagnosed_for_it() {
     let status = || CameraStatus::Inconsistent { best: 0, common: 400, right: 20 };
     let mirrored = left_out(status(), |it| {
         if it.camera == BAD {
@@ -251,9 +253,9 @@ fn a_mirrored_picture_is_named_and_no_lens_is_blamed_for_it() {
         true
     });
     let of_bad = |network: &Solved| checked(network).candidates.into_iter().find(|it| it.camera == BAD);
-    let told = of_bad(&mirrored).unwrap();
-    assert_eq!((told.cause, told.judgement.level), (Cause::Mirrored, Level::Redo));
-    assert!(told.judgement.sentence.contains("picture of camera wide-4 is mirrored"), "{}", told.judgement.sentence);
+    let found = of_bad(&mirrored).unwrap();
+    assert_eq!((found.cause, found.judgement.level), (Cause::Mirrored, Level::Redo));
+    assert!(found.judgement.sentence.contains("wide-4"), "{}", found.judgement.sentence);
     // Of another time: nothing explains that, least of all another focal length.
     let pixels: Vec<_> = mirrored.observations.iter().filter(|it| it.camera == BAD).map(|it| it.pixel).collect();
     let mut other_time = mirrored.clone();
@@ -265,7 +267,7 @@ fn a_mirrored_picture_is_named_and_no_lens_is_blamed_for_it() {
 }
 
 #[test]
-fn a_camera_that_never_sees_what_two_others_see_is_told_so() {
+fn a_camera_that_shares_the_light_with_one_other_only_is_named() {
     let witnessed: Vec<usize> = {
         let network = solved(Fault::Nothing, 1);
         network.observations.iter().filter(|it| it.camera == BAD).map(|it| it.frame).collect()
@@ -274,11 +276,7 @@ fn a_camera_that_never_sees_what_two_others_see_is_told_so() {
     let status = CameraStatus::Inconsistent { best: 1, common: 0, right: 0 };
     let network = left_out(status, |it| it.camera == BAD || it.camera == 0 || !witnessed.contains(&it.frame));
     let sentence = checked(&network).cameras[BAD].judgement.sentence.clone();
-    assert_eq!(
-        sentence,
-        "Camera wide-4 saw the light together with wide-1 alone: wave where wide-4 and two other \
-         cameras see it at once."
-    );
+    assert!(sentence.contains("wide-4") && sentence.contains("with wide-1 only"), "{sentence}");
 }
 
 #[test]
@@ -290,7 +288,7 @@ fn the_empty_part_of_a_picture_is_where_to_wave() {
 }
 
 #[test]
-fn rooms_of_nothing_and_of_no_number_are_told_without_panic() {
+fn empty_rooms_and_rooms_without_numbers_are_checked_without_panic() {
     let nothing = checked(&Solved::default());
     assert_eq!(nothing.verdict.level, Level::Redo);
     assert!(nothing.to_string().starts_with("verdict: redo"));

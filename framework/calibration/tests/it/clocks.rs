@@ -146,7 +146,7 @@ fn a_light_that_goes_round_evenly_tells_no_time() {
     for max_offset_s in [0.2, 0.5, 4.0] {
         let status = refused(&scene, &ClockOptions { max_offset_s, ..ClockOptions::default() });
         let told = |it: &ClockStatus| {
-            matches!(it, ClockStatus::NotTold { fault: PairError::Flat { .. } | PairError::Ambiguous { .. }, .. })
+            matches!(it, ClockStatus::Undetermined { fault: PairError::Flat { .. } | PairError::Ambiguous { .. }, .. })
         };
         assert!(status.iter().all(told), "{max_offset_s}: {status:?}");
     }
@@ -156,7 +156,8 @@ fn a_light_that_goes_round_evenly_tells_no_time() {
 fn a_path_that_repeats_is_ambiguous_beyond_its_period_only() {
     let scene = Scene { path: repeating, seed: 7, ..Scene::new(&TENTHS[..4]) };
     let status = refused(&scene, &ClockOptions { max_offset_s: 6.0, ..ClockOptions::default() });
-    let ambiguous = |it: &ClockStatus| matches!(it, ClockStatus::NotTold { fault: PairError::Ambiguous { .. }, .. });
+    let ambiguous =
+        |it: &ClockStatus| matches!(it, ClockStatus::Undetermined { fault: PairError::Ambiguous { .. }, .. });
     assert!(status.iter().all(ambiguous), "{status:?}");
     check(&scene, Freedom::NONE, &ClockOptions { max_offset_s: 1.0, ..ClockOptions::default() }, 0.8);
 }
@@ -226,7 +227,7 @@ fn pictures_taken_together_are_frames_as_they_are() {
 }
 
 #[test]
-fn what_is_said_of_clocks_names_cameras_and_no_flag() {
+fn messages_about_clocks_name_cameras_and_no_flag() {
     let scene = Scene { path: circling, length_s: 12.0, seed: 6, ..Scene::new(&TENTHS[..3]) };
     let recording = scene.recording(Freedom::NONE);
     let fault = synchronise(&recording, &ClockOptions::default()).unwrap_err();
@@ -235,9 +236,9 @@ fn what_is_said_of_clocks_names_cameras_and_no_flag() {
     assert!(!said.contains("camera 0") && !said.contains("--"), "{said}");
     let statuses = [
         ClockStatus::BeyondLimit { offset_s: 0.7, limit_s: 0.5 },
-        ClockStatus::NotTold { other: 1, fault: PairError::Inconsistent { right: 3, moments: 90 } },
+        ClockStatus::Undetermined { other: 1, fault: PairError::Inconsistent { right: 3, moments: 90 } },
         ClockStatus::Separate { group: vec![0, 2] },
-        ClockStatus::NotTold { other: 1, fault: PairError::Flat { tolerance_s: 0.1 } },
+        ClockStatus::Undetermined { other: 1, fault: PairError::Flat { tolerance_s: 0.1 } },
     ];
     let said = statuses.each_ref().map(|it| it.sentence(|camera| recording.name(camera)));
     assert!(
@@ -274,7 +275,7 @@ fn bad_input_is_refused_by_place() {
         (ClockOptions { reference: Some(3), ..options() }, "reference"),
         (ClockOptions { min_distinction: 0.5, ..options() }, "min_distinction"),
     ] {
-        assert!(matches!(fault(&|_| (), bad), ClockError::BadRule { rule, .. } if rule == name), "{name}");
+        assert!(matches!(fault(&|_| (), bad), ClockError::BadOption { option, .. } if option == name), "{name}");
     }
     // Spots that are no numbers, and pictures recorded twice, are passed over.
     let broken = |it: &mut Recording| {

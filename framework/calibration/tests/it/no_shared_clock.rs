@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use foveate_calibration::board::{Board, BoardOptions, board_on_one_clock, calibrate};
 use foveate_calibration::clocks::{ClockError, ClockOptions};
 use foveate_calibration::network::{
-    NetworkOptions, NotSynchronised, Sought, SynchronisedNetwork, from_nothing, unsynchronised_wand,
+    CalibrationTarget, NetworkOptions, NotSynchronised, SynchronisedNetwork, from_nothing, unsynchronised_wand,
 };
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_calibration::solved::{ClockFit, SolvedCamera};
@@ -153,7 +153,7 @@ fn wand_is_solved(strip: bool) {
     let found = unsynchronised(&seen(APART), 0.5).unwrap();
     is_right(&found, &truth, &LATE_S, [true; 4]);
     if !strip {
-        let together = from_nothing(&seen(TOGETHER), Sought::Wand, &NetworkOptions::default()).unwrap();
+        let together = from_nothing(&seen(TOGETHER), CalibrationTarget::Wand, &NetworkOptions::default()).unwrap();
         assert!(off(&found.network.solved.cameras, &truth, true) < 5.0 * off(&together.solved.cameras, &truth, true));
     }
     let labels: BTreeSet<u32> = found.network.solved.points.iter().map(|it| it.label).collect();

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use foveate_calibration::path::table::{TableOptions, parse};
-use foveate_calibration::path::{MeasuredPath, PathOptions, PathRoom, Refusal, calibrate};
+use foveate_calibration::path::{MeasuredPath, PathNetwork, PathOptions, Refusal, calibrate};
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_geometry::{AlignmentOptions, Freedom, align};
 use foveate_scene::Draft;
@@ -60,7 +60,7 @@ fn path(folder: &Path) -> MeasuredPath {
     MeasuredPath::new(&table.rows).unwrap().between(SPAN_S[0], SPAN_S[1]).unwrap()
 }
 
-fn told(network: &PathRoom) {
+fn told(network: &PathNetwork) {
     for (camera, outcome) in network.solved.cameras.iter().zip(&network.cameras) {
         match outcome {
             Ok(it) => println!(

@@ -32,7 +32,7 @@ pub struct Gathered {
 /// Shared between the node and the program.
 pub type Shared = Arc<Mutex<Gathered>>;
 
-/// It has none.
+/// The node has no settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RecorderSettings {}
@@ -51,7 +51,7 @@ impl Node for Recorder {
     }
 
     fn new(_settings: RecorderSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        let message = format!("`{}` works in `foveate calibrate` only, expected it nowhere in a rig", setup.instance);
+        let message = format!("`{}` works only in `foveate calibrate`, expected it in no rig", setup.instance);
         Err(ConfigError { setting: None, message })
     }
 
@@ -89,7 +89,7 @@ fn without_board(camera_frame: &CameraFrame) -> CameraFrame {
     CameraFrame { spots, ..*camera_frame }
 }
 
-/// Makes the node known, its nodes tied to `shared`.
+/// Registers the node with a constructor that shares `shared`.
 pub fn register(registry: &mut Registry, shared: &Shared) {
     let shared = Arc::clone(shared);
     registry.add_with::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));

@@ -15,6 +15,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use foveate::diagnostics::fields::number;
 use foveate::prelude::*;
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -229,16 +230,16 @@ impl CameraWatch {
     fn table(&self) -> String {
         let mut text = "time_s,camera,tilt_mrad,pan_mrad,roll_mrad,sigma_mrad,observations,sigmas\n".to_owned();
         for row in self.watch.rows() {
-            let [tilt, pan, roll] = of_camera_mrad(&row.turn);
+            let [tilt, pan, roll] = of_camera_mrad(&row.turn).map(|it| number(it, 4));
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{:.3},{},{tilt:.4},{pan:.4},{roll:.4},{:.4},{},{:.2}",
+                "{:.3},{},{tilt},{pan},{roll},{},{},{}",
                 row.at.as_s(),
                 self.names[row.camera],
-                row.sigma * 1e3,
+                number(row.sigma * 1e3, 4),
                 row.observations,
-                row.sigmas
+                number(row.sigmas, 2)
             );
         }
         text

@@ -169,6 +169,16 @@ fn a_second_bump_of_the_same_camera_is_told_too() {
 }
 
 #[test]
+fn what_is_not_known_yet_is_an_empty_cell_of_the_table() {
+    let watch = watched(Scene { cameras: 6, lasts_s: 4.0, ..Scene::default() }, |_, _| Vector3::zeros());
+    let names = (0..6).map(|it| format!("c{it}")).collect();
+    let table = CameraWatch { watch, names, out: None, file: String::new() }.table();
+    let last: Vec<&str> = table.lines().skip(1).map(|it| it.rsplit_once(',').unwrap().1).collect();
+    assert!(last.iter().any(|it| it.is_empty()) && !table.contains("NaN"), "{table}");
+    assert!(last.iter().all(|it| it.is_empty() || it.parse::<f64>().is_ok_and(f64::is_finite)), "{table}");
+}
+
+#[test]
 fn cameras_are_named_unless_most_contradict_each_other() {
     let sentence = |of: usize, cameras: usize| {
         let watch = Watch::new(CameraWatchSettings::default().options(), camera_ring(of));

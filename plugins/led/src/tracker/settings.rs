@@ -32,9 +32,9 @@ pub enum LateRule {
     /// It is discarded. With clocks that disagree this starves cameras [Davis 2002, Figure 35].
     Discard,
     /// It is applied as though it were of the filter's time, up to `late_tolerance_ms`: the rule of [Davis 2002 §3.5].
-    #[default]
     Apply,
     /// The filters are rolled back to its time and updated again, up to `history_ms`.
+    #[default]
     OutOfSequence,
 }
 
@@ -162,11 +162,11 @@ pub struct IntegratorSettings {
     /// around it, gets its identity again. 0: never, as in the paper [ms].
     #[schemars(range(min = 0.0, max = 600000.0))]
     pub remember_ms: f64,
-    /// What happens to a frame captured before the filter's time: `discard`; `apply`, used as if it were of the filter's time, up to
-    /// `late_tolerance_ms`, as in the paper; `out_of_sequence`, the filters are rolled back to its time and updated again, up to `history_ms` [–].
+    /// What happens to a frame captured before the filter's time: `out_of_sequence`, the filters are rolled back to its time and updated
+    /// again, up to `history_ms`; `apply`, used as if it were of the filter's time, up to `late_tolerance_ms`, as in the paper; `discard` [–].
     pub late: LateRule,
     /// Use of the cameras' clocks: `trust`; `estimate`, offset and drift relative to the mean of all cameras are estimated from moving
-    /// targets and reported at the end (valid for small offsets only); `correct`, stamps are also corrected: best with `late = "out_of_sequence"` [–].
+    /// targets and reported at the end (valid for small offsets only); `correct`, stamps are also corrected [–].
     pub clocks: Clocks,
     /// Expected offsets of clocks, standard deviation, where they are estimated [ms].
     #[schemars(range(min = 0.01, max = 10000.0))]
@@ -214,7 +214,7 @@ impl Default for IntegratorSettings {
             remember_ms: 1000.0,
             clocks: Clocks::Trust,
             clock_spread_ms: 20.0,
-            late: LateRule::Apply,
+            late: LateRule::OutOfSequence,
             late_tolerance_ms: 10.0,
             history_ms: 100.0,
             volume_margin_mm: 250.0,

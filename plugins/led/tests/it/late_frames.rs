@@ -6,8 +6,14 @@ use foveate_led::tracker::{Clocks, Entry, IntegratorSettings, LateRule, Tracker}
 use foveate_testkit::lab::{Conditions, Lab, ROOM_M, Score, ScoreOptions, Wanderers, score};
 use nalgebra::Point3;
 
+/// The default.
 fn out_of_sequence() -> IntegratorSettings {
-    IntegratorSettings { late: LateRule::OutOfSequence, ..IntegratorSettings::default() }
+    IntegratorSettings::default()
+}
+
+/// The paper's rule.
+fn apply() -> IntegratorSettings {
+    IntegratorSettings { late: LateRule::Apply, ..IntegratorSettings::default() }
 }
 
 fn tracker(lab: &Lab, settings: &IntegratorSettings) -> Tracker {
@@ -70,11 +76,30 @@ fn links_that_are_late_cost_little_where_frames_are_put_in_their_place() {
     let conditions = vec![Conditions { delay_s: 0.005, jitter_s: 0.05, ..Conditions::default() }; 8];
     let lab = Lab { conditions, ..Lab::new(8) };
     let (in_place, _) = run(&lab, &out_of_sequence(), 6.0, 1.0);
-    let apply = IntegratorSettings { late_tolerance_ms: 100.0, ..IntegratorSettings::default() };
+    let apply = IntegratorSettings { late_tolerance_ms: 100.0, ..apply() };
     let (as_now, _) = run(&lab, &apply, 6.0, 1.0);
     assert_eq!((in_place.n_identities, in_place.id_switches, in_place.missed), (8, 0, 0), "{in_place:?}");
     // What is on its way is missing at that moment by either rule.
     assert!(in_place.rms < 6.5e-3 && as_now.rms > 1.5 * in_place.rms, "{} {}", in_place.rms, as_now.rms);
+}
+
+#[test]
+fn on_poor_links_the_default_keeps_identities_and_places_better_than_the_papers_rule() {
+    // Half of the frames are lost, and the rest is up to 80 ms late.
+    let conditions = vec![Conditions { jitter_s: 0.08, lost: 0.5, ..Conditions::default() }; 6];
+    let sums = |settings: &IntegratorSettings| {
+        let of_seed = |seed| {
+            let lab =
+                Lab { conditions: conditions.clone(), rate: 30.0, hidden: 0.2, clutter: 1.0, seed, ..Lab::new(6) };
+            let score = run(&lab, settings, 10.0, 2.0).0;
+            (score.n_identities, score.missed_part(), score.rms)
+        };
+        (1..=6).map(of_seed).fold((0, 0.0, 0.0), |sum, it| (sum.0 + it.0, sum.1 + it.1, sum.2 + it.2))
+    };
+    let (default, paper) = (sums(&IntegratorSettings::default()), sums(&apply()));
+    // Measured: 53 and 58 identities of 48 lights, 2.3 % and 5.7 % missed, 10.1 mm and 12.0 mm.
+    assert!(default.0 + 3 <= paper.0, "{default:?} {paper:?}");
+    assert!(default.1 < 0.6 * paper.1 && default.2 < 0.9 * paper.2, "{default:?} {paper:?}");
 }
 
 /// [Davis 2002, Figure 35]: three cameras at 62.5 Hz; the first one's clock is 4 ms ahead. Frames applied, by camera.
@@ -97,7 +122,7 @@ fn figure_35(settings: &IntegratorSettings) -> (Vec<u64>, Vec<u64>) {
 fn only_the_rule_that_discards_what_is_late_starves_cameras() {
     let discard = IntegratorSettings { late: LateRule::Discard, ..IntegratorSettings::default() };
     assert_eq!(figure_35(&discard), (vec![60, 0, 0], vec![0, 60, 60]));
-    assert_eq!(figure_35(&IntegratorSettings::default()), (vec![60, 60, 60], vec![0, 0, 0]));
+    assert_eq!(figure_35(&apply()), (vec![60, 60, 60], vec![0, 0, 0]));
     assert_eq!(figure_35(&out_of_sequence()), (vec![60, 60, 60], vec![0, 0, 0]));
 }
 
@@ -105,7 +130,7 @@ fn only_the_rule_that_discards_what_is_late_starves_cameras() {
 fn how_late_is_too_late_is_the_rule_s_own_limit() {
     for (settings, limit_ms) in [
         (IntegratorSettings { late: LateRule::Discard, ..IntegratorSettings::default() }, 0.0),
-        (IntegratorSettings { late_tolerance_ms: 12.0, ..IntegratorSettings::default() }, 12.0),
+        (IntegratorSettings { late_tolerance_ms: 12.0, ..apply() }, 12.0),
         (IntegratorSettings { history_ms: 80.0, ..out_of_sequence() }, 80.0),
     ] {
         let lab = Lab::new(3);
@@ -127,7 +152,7 @@ fn frames_of_one_camera_may_overtake_each_other_where_they_are_put_in_their_plac
     let frame = Features { camera: CameraId(0), list: Vec::new() };
     let ms = |ms: f64| Time::ZERO + Interval::from_ms(ms);
     let mut place = tracker(&lab, &out_of_sequence());
-    let mut apply = tracker(&lab, &IntegratorSettings::default());
+    let mut apply = tracker(&lab, &apply());
     for tracker in [&mut place, &mut apply] {
         assert_eq!(tracker.observe(ms(100.0), &frame), Entry::Applied);
     }

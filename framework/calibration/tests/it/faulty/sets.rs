@@ -1,6 +1,6 @@
 //! Recordings of waved lights as a calibration gets them: one that is simulated.
 
-use foveate_calibration::network::{NetworkOptions, Sought};
+use foveate_calibration::network::{CalibrationTarget, NetworkOptions};
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_estimation::Random;
 use foveate_geometry::bundle::Freedom;
@@ -13,7 +13,7 @@ pub struct Set {
     /// What the cameras saw.
     pub recording: Recording,
     /// What was waved.
-    pub sought: Sought<'static>,
+    pub sought: CalibrationTarget<'static>,
     /// How to calibrate it.
     pub options: NetworkOptions,
 }
@@ -77,5 +77,5 @@ pub fn simulated(n_cameras: usize, seed: u64) -> Set {
     let guesses = (0..n_cameras).map(|index| guess(format!("cam{index}"), [640, 480], None, LENS));
     let recording = Recording { cameras: guesses.collect(), camera_frames };
     let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
-    Set { recording, sought: Sought::Light, options }
+    Set { recording, sought: CalibrationTarget::Light, options }
 }

@@ -1,4 +1,4 @@
-//! What a person may type of scale and axes, as text.
+//! Scale and axes as text on a command line.
 //!
 //! | place | means |
 //! |---|---|
@@ -23,9 +23,9 @@ const FRAME_SIGMA_M: f64 = 1e-3;
 /// Lights on a plumb line are taken as within this part of their distance of it [–].
 const PLUMB_SIGMA: f64 = 3e-3;
 
-/// What was typed, flag by flag; [`Self::givens`] understands it.
+/// Command-line arguments that fix scale and axes, one field a flag; [`Self::givens`] parses them.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Wishes {
+pub struct AxesArgs {
     /// Length of the wand, whose ends are lights 0 and 1 [mm].
     pub wand_mm: Option<f64>,
     /// Each `PLACE:PLACE=LENGTH`, such as `wide-1:wide-2=3.2m`, with `m`, `cm` or `mm`.
@@ -46,10 +46,10 @@ pub struct Wishes {
     pub upright: bool,
 }
 
-/// A text that is not understood.
+/// An argument that cannot be parsed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{what} is {found:?}, expected {expected}")]
-pub struct WishError {
+pub struct AxesArgError {
     /// Which flag or part of it.
     pub what: &'static str,
     /// What was typed.
@@ -58,12 +58,12 @@ pub struct WishError {
     pub expected: &'static str,
 }
 
-impl Wishes {
-    /// What is given, in the order of the fields.
+impl AxesArgs {
+    /// The parsed sources, in the order of the fields.
     ///
     /// # Errors
-    /// See [`WishError`].
-    pub fn givens(&self) -> Result<Vec<Given>, WishError> {
+    /// See [`AxesArgError`].
+    pub fn givens(&self) -> Result<Vec<Given>, AxesArgError> {
         let mut givens = Vec::new();
         if let Some(length_mm) = self.wand_mm {
             givens.push(Given::WandLength { ends: [0, 1], metres: length_mm / 1e3, sigma_m: WAND_SIGMA_M });
@@ -86,7 +86,7 @@ impl Wishes {
         }
         if let Some(text) = &self.plumb {
             let expected = "TOP:BOTTOM, such as @1:@2";
-            let fault = || WishError { what: "a plumb line", found: text.clone(), expected };
+            let fault = || AxesArgError { what: "a plumb line", found: text.clone(), expected };
             let (top, bottom) = text.split_once(':').ok_or_else(fault)?;
             givens.push(Given::Plumb { top: top.parse()?, bottom: bottom.parse()?, sigma: PLUMB_SIGMA });
         }
@@ -97,28 +97,28 @@ impl Wishes {
     }
 }
 
-fn distance(text: &str) -> Result<Given, WishError> {
+fn distance(text: &str) -> Result<Given, AxesArgError> {
     let expected = "PLACE:PLACE=LENGTH, such as wide-1:wide-2=3.2m";
-    let fault = || WishError { what: "a distance", found: text.to_owned(), expected };
+    let fault = || AxesArgError { what: "a distance", found: text.to_owned(), expected };
     let (places, length) = text.split_once('=').ok_or_else(fault)?;
     let (a, b) = places.split_once(':').ok_or_else(fault)?;
     Ok(Given::Distance { a: a.parse()?, b: b.parse()?, metres: metres(length)?, sigma_m: TAPE_SIGMA_M })
 }
 
-fn metres(text: &str) -> Result<f64, WishError> {
+fn metres(text: &str) -> Result<f64, AxesArgError> {
     let trimmed = text.trim();
     let (number, factor) = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)]
         .into_iter()
         .find_map(|(unit, factor)| Some((trimmed.strip_suffix(unit)?, factor)))
         .unwrap_or(("", 1.0));
     let expected = "a number with its unit, such as 3.2m, 320cm or 3200mm";
-    let fault = |_| WishError { what: "a length", found: text.to_owned(), expected };
+    let fault = |_| AxesArgError { what: "a length", found: text.to_owned(), expected };
     number.trim().parse::<f64>().map(|it| it * factor).map_err(fault)
 }
 
-fn known_point(text: &str) -> Result<(Place, Point3<f64>), WishError> {
+fn known_point(text: &str) -> Result<(Place, Point3<f64>), AxesArgError> {
     let expected = "PLACE=X,Y,Z in metres, such as @1=0,0,0";
-    let fault = || WishError { what: "a point of the L-frame", found: text.to_owned(), expected };
+    let fault = || AxesArgError { what: "a point of the L-frame", found: text.to_owned(), expected };
     let (place, coordinates) = text.split_once('=').ok_or_else(fault)?;
     let numbers: Vec<f64> =
         coordinates.split(',').map(|it| it.trim().parse().map_err(|_| fault())).collect::<Result<_, _>>()?;
@@ -126,19 +126,20 @@ fn known_point(text: &str) -> Result<(Place, Point3<f64>), WishError> {
     Ok((place.parse()?, Point3::new(x, y, z)))
 }
 
-fn span(what: &'static str, text: &str) -> Result<(f64, f64), WishError> {
-    let fault = || WishError { what, found: text.to_owned(), expected: "FROM..UNTIL in seconds, such as 12.5..13.1" };
+fn span(what: &'static str, text: &str) -> Result<(f64, f64), AxesArgError> {
+    let fault =
+        || AxesArgError { what, found: text.to_owned(), expected: "FROM..UNTIL in seconds, such as 12.5..13.1" };
     let (from, until) = text.split_once("..").ok_or_else(fault)?;
     let number = |it: &str| it.trim().parse::<f64>().ok().filter(|it| it.is_finite());
     number(from).zip(number(until)).filter(|(from, until)| from < until).ok_or_else(fault)
 }
 
 impl FromStr for Place {
-    type Err = WishError;
+    type Err = AxesArgError;
 
-    fn from_str(text: &str) -> Result<Self, WishError> {
+    fn from_str(text: &str) -> Result<Self, AxesArgError> {
         let expected = "a camera's name, @2 for the light's second stop, or @12.5..13.1 for a span of time";
-        let fault = || WishError { what: "a place", found: text.to_owned(), expected };
+        let fault = || AxesArgError { what: "a place", found: text.to_owned(), expected };
         let trimmed = text.trim();
         let Some(light) = trimmed.strip_prefix('@') else {
             return if trimmed.is_empty() { Err(fault()) } else { Ok(Place::Camera(trimmed.to_owned())) };
@@ -178,8 +179,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_people_type_is_understood() {
-        let wishes = Wishes {
+    fn arguments_are_parsed() {
+        let args = AxesArgs {
             wand_mm: Some(400.0),
             distances: vec!["wide-1: @2/1=320cm".into()],
             floor_stops: true,
@@ -188,10 +189,10 @@ mod tests {
             falling: vec!["12.5..13.1".into()],
             plumb: Some("@1.5..2.5:@4".into()),
             upright: true,
-            ..Wishes::default()
+            ..AxesArgs::default()
         };
         let stop = |number, label| Place::Stop { label, number };
-        let givens = wishes.givens().unwrap();
+        let givens = args.givens().unwrap();
         let expected = [
             Given::WandLength { ends: [0, 1], metres: 0.4, sigma_m: WAND_SIGMA_M },
             Given::Distance { a: Place::Camera("wide-1".into()), b: stop(2, 1), metres: 3.2, sigma_m: TAPE_SIGMA_M },
@@ -209,7 +210,7 @@ mod tests {
             Given::CamerasUpright,
         ];
         assert_eq!(givens, expected);
-        assert_eq!(Wishes::default().givens(), Ok(vec![]));
+        assert_eq!(AxesArgs::default().givens(), Ok(vec![]));
     }
 
     #[test]
@@ -220,19 +221,19 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_understood_is_named_with_what_may_be_typed() {
-        let fails = |wishes: Wishes, expected: &str| {
-            let fault = wishes.givens().unwrap_err().to_string();
-            assert!(fault.contains(expected), "{fault}");
+    fn an_argument_that_cannot_be_parsed_is_named() {
+        let fails = |args: AxesArgs, what: &str, found: &str| {
+            let fault = args.givens().unwrap_err();
+            assert_eq!((fault.what, fault.found.as_str()), (what, found), "{fault}");
         };
-        let distance = |text: &str| Wishes { distances: vec![text.into()], ..Wishes::default() };
-        fails(distance("wide-1"), "a distance is \"wide-1\", expected PLACE:PLACE=LENGTH");
-        fails(distance("a:b=3"), "a length is \"3\", expected a number with its unit");
-        fails(distance("a:=3m"), "a place is \"\"");
-        fails(distance("a:@0=3m"), "a place is \"@0\"");
-        fails(distance("a:@3..1=3m"), "a place is \"@3..1\"");
-        fails(Wishes { l_frame: vec!["@1=0,0".into()], ..Wishes::default() }, "a point of the L-frame is \"@1=0,0\"");
-        fails(Wishes { falling: vec!["3".into()], ..Wishes::default() }, "a fall is \"3\", expected FROM..UNTIL");
-        fails(Wishes { plumb: Some("@1".into()), ..Wishes::default() }, "a plumb line is \"@1\"");
+        let distance = |text: &str| AxesArgs { distances: vec![text.into()], ..AxesArgs::default() };
+        fails(distance("wide-1"), "a distance", "wide-1");
+        fails(distance("a:b=3"), "a length", "3");
+        fails(distance("a:=3m"), "a place", "");
+        fails(distance("a:@0=3m"), "a place", "@0");
+        fails(distance("a:@3..1=3m"), "a place", "@3..1");
+        fails(AxesArgs { l_frame: vec!["@1=0,0".into()], ..AxesArgs::default() }, "a point of the L-frame", "@1=0,0");
+        fails(AxesArgs { falling: vec!["3".into()], ..AxesArgs::default() }, "a fall", "3");
+        fails(AxesArgs { plumb: Some("@1".into()), ..AxesArgs::default() }, "a plumb line", "@1");
     }
 }
