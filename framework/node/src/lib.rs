@@ -5,6 +5,7 @@
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
 //! | [`figure`] | the figures that a type declares: name, unit, which values are better, one line |
 //! | [`setup`], [`report`], [`error`] | what a node gets when it is made, what it reports at the end, the errors that it may return |
+//! | [`given`] | settings as a rig gives them, read into those of a node |
 //! | [`guard`] | the guard around every call of foreign code |
 //! | [`bench`] | runs one node without a rig, for tests |
 //! | [`registry`] | the node types that a program knows, type-erased |
@@ -17,7 +18,7 @@ pub mod bench;
 pub mod detector;
 pub mod error;
 pub mod figure;
-mod given;
+pub mod given;
 pub mod guard;
 pub mod io;
 pub mod library;

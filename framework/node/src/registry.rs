@@ -52,13 +52,13 @@ impl NodeType {
     ///
     /// # Errors
     /// What cannot be read, with the dotted path of the setting.
-    pub fn decode(&self, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
+    pub fn decode(&self, given: given::Table) -> Result<Box<dyn Settings>, ConfigError> {
         (self.decoder)(given)
     }
 }
 
 /// Reads the settings of a node type.
-pub type Decode = dyn Fn(toml::Table) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
+pub type Decode = dyn Fn(given::Table) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
 
 /// Makes a node out of its settings.
 type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
@@ -137,8 +137,8 @@ impl<N: Node> Settings for SettingsOf<N> {
     }
 }
 
-fn decode<N: Node>(given: toml::Table, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, ConfigError> {
-    let given = given::read(&toml::Value::Table(given))?;
+fn decode<N: Node>(given: given::Table, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, ConfigError> {
+    let given = given::read(&given::Value::Table(given))?;
     Ok(Box::new(SettingsOf::<N> { given, make: Arc::clone(make) }))
 }
 

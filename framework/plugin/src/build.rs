@@ -300,7 +300,7 @@ impl Overlay {
         let (name, member) = (&package.name, self.member());
         let manifest = format!(
             "[package]\nname = \"{name}-library\"\nversion = \"{}\"\nedition = \"2024\"\npublish = false\n\n[lib]\nname = \"{}\"\n\
-             crate-type = [\"cdylib\"]\ntest = false\ndoctest = false\n\n[dependencies]\nfoveate = {{ path = \"../framework/foveate\" }}\n\
+             crate-type = [\"cdylib\"]\ntest = false\ndoctest = false\n\n[dependencies]\nfoveate-plugin = {{ path = \"../framework/plugin\" }}\n\
              {name} = {{ path = \"../{}\" }}\n",
             package.version,
             shell_name(package),
@@ -308,7 +308,7 @@ impl Overlay {
         );
         write(&self.root.join("library/Cargo.toml"), &manifest)?;
         let code = format!(
-            "//! The symbols of `{name}` as a shared library.\n\nfoveate::export_library!({}::LIBRARY);\n",
+            "//! The symbols of `{name}` as a shared library.\n\nfoveate_plugin::export_library!({}::LIBRARY);\n",
             package.lib
         );
         write(&folder.join("lib.rs"), &code)

@@ -6,6 +6,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use foveate_node::given::Table;
 use foveate_node::guard::resume;
 use foveate_node::registry::{ErasedNode, NodeType, Settings};
 use foveate_node::{ConfigError, Due, Io, LibraryError, NodeError, Origin, Plan, Registry, Report, Setup};
@@ -138,8 +139,8 @@ fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
     }
 }
 
-fn decode(name: &'static str, parse: Parse, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
-    let inside = on_this_side(parse(&tagged(name, given)))?;
+fn decode(name: &'static str, parse: Parse, given: Table) -> Result<Box<dyn Settings>, ConfigError> {
+    let inside = on_this_side(parse(&tagged(name, given)?))?;
     let resolved: toml::Table = toml::from_str(inside.text()).map_err(|error| ConfigError::node(error.message()))?;
     let resolved = match resolved.into_iter().next() {
         Some((_, toml::Value::Table(table))) => table,

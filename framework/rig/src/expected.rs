@@ -3,7 +3,7 @@
 use foveate_diagnostics::names::one_of;
 use serde_json::Value as Json;
 
-use super::settings::{alternatives, description, kinds, resolved, words};
+use super::schema_parts::{alternatives, description, kinds, resolved, words};
 
 /// Nested lists that are described.
 const DEEPEST: usize = 4;

@@ -4,7 +4,7 @@
 use serde_json::{Map, Value as Json, json};
 use toml::Spanned;
 
-use crate::read::read_point;
+use crate::values::read_point;
 use foveate_diagnostics::names::one_of;
 use foveate_diagnostics::value::Keys;
 use foveate_diagnostics::{Findings, Span};
@@ -268,7 +268,6 @@ pub(super) mod target {
     use foveate_scene::AnchorRule;
 
     use super::*;
-    use crate::targets::PICKS;
 
     /// Nanoseconds.
     pub const NS_PER_MS: f64 = 1e6;
@@ -277,6 +276,25 @@ pub(super) mod target {
     const LONGEST_MS: f64 = 3_600_000.0;
     /// Longest time of searching near the place of a loss [s].
     const LONGEST_S: f64 = 3_600.0;
+
+    /// A word of `pick`.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Word {
+        First,
+        Highest,
+        Lowest,
+        Nearest,
+        Id,
+    }
+
+    /// The words of `pick`.
+    pub const PICKS: [(&str, Word); 5] = [
+        ("first", Word::First),
+        ("highest", Word::Highest),
+        ("lowest", Word::Lowest),
+        ("nearest", Word::Nearest),
+        ("id", Word::Id),
+    ];
 
     const PICK_WORDS: [&str; PICKS.len()] = words(&PICKS);
     pub const PICK: Key = Key::new(
@@ -330,7 +348,11 @@ pub(super) mod target {
 /// What a node's table may hold beside its settings.
 pub(super) mod node {
     use super::*;
-    use crate::node_text::ON_ERROR;
+    use crate::graph::OnError;
+
+    /// Names of [`OnError`] in rigs.
+    pub const ON_ERROR: [(&str, OnError); 3] =
+        [("stop", OnError::Stop), ("skip", OnError::Skip), ("restart", OnError::Restart)];
 
     /// Longest activation [ms].
     const LONGEST_COST_MS: f64 = 60_000.0;
@@ -372,8 +394,7 @@ pub(super) mod node {
 /// A connection written as a table: `in.PORT = { from = "…" }`.
 pub(super) mod connection {
     use super::*;
-    use crate::graph::Queue;
-    use crate::node_text::WHEN_FULL;
+    use crate::graph::{Queue, WhenFull};
     use foveate_node::port::InputPolicy;
 
     /// Longest queue: more messages than that are a mistake, and memory.
@@ -386,6 +407,10 @@ pub(super) mod connection {
     pub const FROM: Key = Key::new("from", Kind::Other, "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT");
     pub const CAPACITY: Key = Key::new("capacity", Kind::Whole(1, MOST_QUEUED), "Messages that may wait.")
         .or(|| json!(Queue::default().capacity));
+    /// Names of [`WhenFull`] in rigs.
+    pub const WHEN_FULL: [(&str, WhenFull); 3] =
+        [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
+
     const WHEN_FULL_WORDS: [&str; WHEN_FULL.len()] = words(&WHEN_FULL);
     pub const WHEN_FULL_KEY: Key = Key::new(
         "when_full",

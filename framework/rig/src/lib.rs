@@ -7,7 +7,7 @@
 //! | text → tables with the place of every word | `read`, `node_text`, `value` |
 //! | libraries of nodes opened | `libraries` |
 //! | scales in order, and which targets carry them | `scales`, `targets` |
-//! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
+//! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `schema_parts`, `expected` |
 //! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
 //! | cycles, then the schedule | `order`, `finish` |
 //! | requirements against the plan | `promise` |
@@ -29,8 +29,10 @@ mod reference;
 mod resolved;
 mod scales;
 mod schema;
+mod schema_parts;
 mod settings;
 mod targets;
+mod values;
 mod wire;
 
 use std::cell::RefCell;

@@ -19,6 +19,7 @@ use crate::graph::{SINK_CAPACITY, scale_id};
 use foveate_diagnostics::names::{available, did_you_mean, likely, listed, shown};
 use foveate_diagnostics::{Findings, Span};
 use foveate_node::ConfigError;
+use foveate_node::given;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
 use foveate_node::page::Pages;
@@ -267,6 +268,23 @@ pub(super) fn instance_path(scale: &str, node: &str, camera: Option<&str>) -> St
     }
 }
 
+/// Settings for a node, which knows no TOML.
+fn given_table(table: toml::Table) -> given::Table {
+    table.into_iter().map(|(key, value)| (key, given_value(value))).collect()
+}
+
+fn given_value(value: toml::Value) -> given::Value {
+    match value {
+        toml::Value::Boolean(it) => given::Value::Bool(it),
+        toml::Value::Integer(it) => given::Value::Integer(it),
+        toml::Value::Float(it) => given::Value::Float(it),
+        toml::Value::String(it) => given::Value::Text(it),
+        toml::Value::Array(it) => given::Value::List(it.into_iter().map(given_value).collect()),
+        toml::Value::Table(it) => given::Value::Table(given_table(it)),
+        toml::Value::Datetime(_) => given::Value::Other("a date"),
+    }
+}
+
 fn decode(
     node_type: &NodeType,
     text: &NodeText<'_>,
@@ -289,7 +307,7 @@ fn decode(
             return None;
         }
     };
-    let decoded = guarded(|| node_type.decode(table))
+    let decoded = guarded(|| node_type.decode(given_table(table)))
         .unwrap_or_else(|said| Err(ConfigError::node(format_args!("the node {said}: a mistake in its program"))));
     match decoded {
         Ok(settings) => Some(Arc::from(settings)),

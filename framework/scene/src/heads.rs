@@ -34,7 +34,7 @@ use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Point3, SMatrix, Unit, Vector3};
 use toml::de::DeTable;
 
-use crate::clocks::key;
+use crate::text::key;
 use crate::toml_reader::{Reader, Value};
 
 const HEAD_KEYS: [&str; 8] =

@@ -28,7 +28,7 @@ use foveate_geometry::shape_model::{Bases, ShapeModel, Usual};
 use nalgebra::{DMatrix, Matrix3, Point3};
 use toml::de::DeTable;
 
-use crate::calibration::{CalibrationDiagnostic, CalibrationError};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 use crate::toml_reader::{Reader, read};
 
 const SECTIONS: [&str; 3] = ["shape_model", "mark", "base"];

@@ -6,7 +6,8 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::calibration::{CalibrationDiagnostic, CalibrationError, place_of, sort_by_place};
+use crate::error::{CalibrationDiagnostic, CalibrationError, sort_by_place};
+use crate::text::place_of;
 
 pub(crate) type Value<'i> = Spanned<DeValue<'i>>;
 

@@ -30,7 +30,7 @@ use foveate_geometry::Distortion;
 use nalgebra::Matrix6;
 use toml::de::DeTable;
 
-use crate::calibration::quoted;
+use crate::text::quoted;
 use crate::toml_reader::{Reader, Value};
 
 const PROVENANCE_KEYS: [&str; 7] = ["method", "date", "sources", "residual_median_px", "scale", "gravity", "origin"];

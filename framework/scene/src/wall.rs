@@ -24,8 +24,9 @@ use foveate_geometry::{Distortion, PlaneMap};
 use nalgebra::{Matrix3, SMatrix, Vector2};
 use toml::de::DeTable;
 
-use crate::calibration::{CalibrationError, read_text};
-use crate::clocks::key;
+use crate::error::CalibrationError;
+use crate::text::key;
+use crate::text::read_text;
 use crate::toml_reader::{Reader, Value, read};
 
 const SECTIONS: [&str; 2] = ["wall", "camera"];

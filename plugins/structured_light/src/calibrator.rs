@@ -1,7 +1,7 @@
 //! `structured_light.calibrator`: camera and projector calibrated together from sets of pictures of a chessboard.
 //!
 //! The projector is an inverse camera: `structured_light.corners` gives features for it as for any camera, and both are calibrated as cameras that see a board
-//! ([`foveate::calibration::board`]). Each set is then held out in turn: a calibration is made from the others, the board is placed in the held-out set
+//! ([`foveate_calibration::board`]). Each set is then held out in turn: a calibration is made from the others, the board is placed in the held-out set
 //! by the camera's corners, and the projector's corners are predicted.
 //!
 //! The board is flat: points triangulated on it are compared with its plane.
@@ -9,15 +9,15 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use foveate::calibration::board::{Board, BoardOptions, BoardPose, BoardSolution, calibrate, one_angle};
-use foveate::calibration::network::Origin;
-use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
-use foveate::calibration::solved::{ObservationRole, SolvedObservation};
 use foveate::estimation::statistics::{median, percentile};
 use foveate::geometry::{Camera, CameraStatus, Distortion, Freedom, Intrinsics, ResectionOptions, refine_pose};
 use foveate::prelude::*;
 use foveate::scene::Calibration;
 use foveate::scene::draft::{guessed_focal, middle};
+use foveate_calibration::board::{Board, BoardOptions, BoardPose, BoardSolution, calibrate, one_angle};
+use foveate_calibration::network::Origin;
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_calibration::solved::{ObservationRole, SolvedObservation};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -403,7 +403,7 @@ impl Calibrator {
         let kept = TriangulatorSettings::default();
         let is_good = |it: &OnRay| it.misfit <= kept.max_misfit_px;
         for (time, set) in &self.sets {
-            let near = |it: &&foveate::calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
+            let near = |it: &&foveate_calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
             let Some(pose) = solution.boards.iter().find(near) else { continue };
             let normal = pose.world_from_board * Vector3::z();
             let origin = pose.world_from_board * Point3::origin();

@@ -9,11 +9,11 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foveate::engine::{self, Options, Outcome};
 use foveate::imaging::stripes::pattern::picture;
 use foveate::node::Pages;
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options, Outcome};
+use foveate_embed::rig::{self, Overrides};
 use foveate_structured_light::PatternSettings;
 use foveate_testkit::chromium::{Chromium, Tab};
 use foveate_web::Server;

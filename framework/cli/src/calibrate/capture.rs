@@ -240,12 +240,12 @@ fn run(
     options: &CaptureOptions,
     is_board: bool,
 ) -> Result<(Outcome, Option<String>), String> {
-    let running = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
-    interrupt::stops(&running.stop).map_err(|it| format!("error: {it}"))?;
+    let engine_options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
+    interrupt::stops(&engine_options.stop).map_err(|it| format!("error: {it}"))?;
     let has_device = graph.instances.iter().any(|it| it.is_live());
     let is_live = options.live || has_device;
     let mut guide = Guide::new(graph, is_live, is_board);
-    let stop = Arc::clone(&running.stop);
+    let stop = Arc::clone(&engine_options.stop);
     let mut enough = false;
     let mut observe = |progress: &Progress| {
         if !options.quiet {
@@ -257,7 +257,7 @@ fn run(
         }
     };
     let engine = if is_live { engine::live } else { engine::deterministic };
-    let outcome = engine(Arc::clone(graph), &running, &mut observe).map_err(|error| format!("error: {error}"));
+    let outcome = engine(Arc::clone(graph), &engine_options, &mut observe).map_err(|error| format!("error: {error}"));
     guide.end();
     let outcome = outcome?;
     let whole = graph.duration.map_or(String::new(), |it| format!(" of {} s", it.as_s()));

@@ -26,13 +26,17 @@ mod rings;
 mod storage;
 mod toml_writers;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
 use foveate_geometry::{Camera, Intrinsics};
 
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, read_text};
+use crate::calibration::{Calibration, LengthUnit};
+use crate::draft::Draft;
+use crate::error::{CalibrationDiagnostic, CalibrationError};
+use crate::text::read_text;
 use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
 /// The forms that [`Calibration::load`] knows; part of its error when none fits.
@@ -142,7 +146,36 @@ impl fmt::Display for Format {
     }
 }
 
+impl Draft {
+    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`,
+    /// and `pixel_aspect` where its pixels are not square.
+    ///
+    /// # Errors
+    /// Every fault found, with its place.
+    pub fn load(path: &Path) -> Result<Draft, CalibrationError> {
+        if Draft::is_ours(path) {
+            return calibration_file::parse_draft(&read_text(path)?, path);
+        }
+        Ok(Draft { calibration: Calibration::load(path)?, unknown: BTreeMap::new() })
+    }
+
+    /// Whether the file at `path` is of our own form.
+    pub fn is_ours(path: &Path) -> bool {
+        path.is_file()
+            && path.extension().is_some_and(|it| it == "toml")
+            && read_text(path).is_ok_and(|text| calibration_file::is_ours(&text))
+    }
+}
+
 impl Calibration {
+    /// Reads a file or folder of any known form, recognised by its content: see [`crate::formats`].
+    ///
+    /// # Errors
+    /// Every fault found, with its place; when no form fits, the forms that are known.
+    pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
+        Calibration::load_with(path, &ImportOptions::default())
+    }
+
     /// As [`Calibration::load`], with options for what the file does not state.
     ///
     /// # Errors

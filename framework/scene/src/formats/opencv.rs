@@ -26,9 +26,9 @@ use nalgebra::{DMatrix, Isometry3, Matrix3, UnitQuaternion, Vector3};
 
 use super::storage::{Entry, Storage, Value, from_json, from_xml, from_yaml};
 use super::{ExportContent, ImportOptions, note_ignored_skew, optics};
-use crate::calibration::{
-    Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
-};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError, sort_by_place};
+use crate::text::{quoted, read_text};
 
 const MATRIX: [&str; 9] =
     ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic", "int", "matrix"];

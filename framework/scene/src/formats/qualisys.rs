@@ -21,7 +21,8 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use roxmltree::{Document, Node};
 
 use super::optics;
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 
 /// Parts of a pixel in which intrinsics are counted.
 const SUBPIXELS: f64 = 64.0;

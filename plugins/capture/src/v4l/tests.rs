@@ -155,7 +155,7 @@ impl Node for Troubled {
 
 #[test]
 fn live_run_has_a_gap_for_each_frame_that_is_missing_and_goes_on() {
-    use foveate::{engine, rig};
+    use foveate_embed::{engine, rig};
 
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();

@@ -8,11 +8,11 @@ mod touched;
 
 use std::path::PathBuf;
 
-use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate::estimation::statistics::median;
 use foveate::geometry::plane_map::network::LEAST_PLACES;
 use foveate::prelude::*;
 use foveate::scene::{WallCamera, WallMap};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Where a pointer was held still: intervals in which every camera sees it at one place.
 
-use foveate::calibration::recording::CameraFrame;
+use foveate_calibration::recording::CameraFrame;
 use nalgebra::{Point2, Vector2};
 
 /// Largest motion of a spot at rest [px].

@@ -1,13 +1,13 @@
 //! Maps of all cameras from a pointer that was held at places of the wall and waved over it.
 //!
 //! Cameras run freely: where each saw the pointer at common moments is interpolated along its path, as in the calibration of rooms from a waved light
-//! ([`foveate::calibration::clocks::frames`]); observations off a smooth path, such as reflections, are left out there.
+//! ([`foveate_calibration::clocks::frames`]); observations off a smooth path, such as reflections, are left out there.
 
-use foveate::calibration::clocks::{FrameOptions, frames};
-use foveate::calibration::recording::Recording;
-use foveate::calibration::solved::ClockFit;
 use foveate::geometry::PlaneMap;
 use foveate::geometry::plane_map::network::{KnownPlace, MomentObservation, PlaneNetwork, fit_network};
+use foveate_calibration::clocks::{FrameOptions, frames};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::solved::ClockFit;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::rests::rests;

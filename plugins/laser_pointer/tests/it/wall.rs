@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use foveate::prelude::Registry;
-use foveate::engine::{self, Options};
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::data::workspace_root;
 
 /// A rig around the node `what`, before a wall with `settings`.

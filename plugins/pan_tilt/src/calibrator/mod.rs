@@ -1,6 +1,6 @@
 //! `pan_tilt.calibrator`: calibrates the axes of heads from a light that the room tracks and their cameras see [Davis 2002 §4.2, (4)].
 //!
-//! During the run it stores its inputs; at the end it combines light, picture and setting ([`foveate::calibration::head`]), solves for pose
+//! During the run it stores its inputs; at the end it combines light, picture and setting ([`foveate_calibration::head`]), solves for pose
 //! and axes of each head, compares the paper's three models, and writes a calibration that can replace the one
 //! it started with. The positions of cameras on heads need not be known, but their optics must be. One light is waved: times at which there are
 //! several in the room or in a picture are not used.
@@ -13,12 +13,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate::calibration::head::{
-    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
-};
 use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
+use foveate_calibration::head::{
+    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
+};
 
 pub use settings::{CalibratorSettings, Carrier, Optics, Units};
 

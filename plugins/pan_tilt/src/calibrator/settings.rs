@@ -1,8 +1,8 @@
 //! Settings of a head's calibration: observations that are used, and the required accuracy.
 
-use foveate::calibration::head::GatherOptions;
 use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, OpticsRule, Stacking, UnitsRule};
 use foveate::prelude::ConfigError;
+use foveate_calibration::head::GatherOptions;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

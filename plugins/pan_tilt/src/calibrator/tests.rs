@@ -149,10 +149,7 @@ fn refused(settings: CalibratorSettings, trouble: Trouble) -> String {
 fn what_holds_no_axes_is_refused_with_the_reason() {
     let settings = CalibratorSettings::default;
     let said = refused(settings(), Trouble { no_tilt: true, ..Default::default() });
-    assert!(
-        said.contains("the head of ptz-1 is not calibrated: tilt was moved over 0.00°, expected 10.0°"),
-        "{said}"
-    );
+    assert!(said.contains("the head of ptz-1 is not calibrated: tilt was moved over 0.00°, expected 10.0°"), "{said}");
     let said = refused(settings(), Trouble { second_light_s: Some(0.0), ..Default::default() });
     assert!(said.contains("several lights in the room") && said.contains("position in the room was unknown"), "{said}");
     let said = refused(CalibratorSettings { units: Units::Estimated, ..settings() }, Trouble::default());

@@ -12,8 +12,8 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use foveate::calibration::head::{Sweep, SweepOptions, SweepOrder};
 use foveate::prelude::*;
+use foveate_calibration::head::{Sweep, SweepOptions, SweepOrder};
 
 pub use settings::SweepSettings;
 

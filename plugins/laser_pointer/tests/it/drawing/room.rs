@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use foveate::node::Pages;
 use foveate::prelude::*;
-use foveate::engine::{self, Options, Outcome};
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options, Outcome};
+use foveate_embed::rig::{self, Overrides};
 use foveate_web::{Counts, Server};
 use nalgebra::{Matrix6, Point3, Vector3};
 use schemars::JsonSchema;
