@@ -183,7 +183,7 @@ mod tests {
                 &|it| it.plumb = Some("@1:@70..71".into()),
                 "--plumb: @70.0..71.0 is after the end of the session, which lasts 60 s",
             ),
-            (&|it| it.falling = vec!["-2..1".into()], "--falling: @-2.0..1.0 is no span of a session"),
+            (&|it| it.falling = vec!["-2..1".into()], "--falling: @-2.0..1.0 is "),
             (
                 &|it| it.l_frame = frame(&["@1=0,0,0", "@2=1,0,0", "wide-9=0,1,0"]),
                 "--l-frame: there is no camera wide-9 (did you mean wide-",
