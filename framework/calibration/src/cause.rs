@@ -1,9 +1,9 @@
-//! Faults of a camera, with fixed names for programs.
+//! What may be wrong about a camera, under names that programs know.
 
-/// What is wrong with a camera.
+/// What may be wrong about a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cause {
-    /// The camera was moved during the recording, or since the older calibration.
+    /// It was moved during the recording, or since the older calibration.
     Moved {
         /// When [s of the room]; `None`: before the recording began.
         at_s: Option<f64>,
@@ -26,7 +26,7 @@ pub enum Cause {
         /// What it should be over what it is [–].
         factor: f64,
     },
-    /// Its lens distortion differs from its model.
+    /// Its lens distorts otherwise than its model does.
     Distortion {
         /// To be added to k1 [–].
         k1: f64,
@@ -47,14 +47,15 @@ pub enum Cause {
     Mirrored,
     /// Its picture is upside down: turned by half about the line of sight.
     UpsideDown,
-    /// Part of its observations are not of the light. Where these were left out and the others suffice, the level stays good.
+    /// Part of its observations are not of the light. Where these were left out and the others are enough, that is told as a thing that is
+    /// good as it is.
     FalseObservations {
         /// Which part [–].
         share: f64,
     },
     /// It saw too little of the light.
     FewObservations {
-        /// Number of its observations [–].
+        /// How many [–].
         count: usize,
         /// Of the median camera [–].
         median: usize,
@@ -72,7 +73,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Its fixed name, for programs.
+    /// Its fixed name, by which programs know it.
     pub fn name(&self) -> &'static str {
         match self {
             Cause::Moved { .. } => "moved",
@@ -89,7 +90,7 @@ impl Cause {
         }
     }
 
-    /// How large it is, in the unit of [`Self::unit`]; `None` for causes without a size.
+    /// How large it is, in the unit of [`Self::unit`]; `None` for what is or is not.
     pub fn size(&self) -> Option<f64> {
         match *self {
             Cause::Moved { shift_px, .. } => Some(shift_px),
@@ -123,10 +124,10 @@ impl Cause {
     }
 }
 
-/// A faulty camera that was left out of a solved camera network, and its fault.
+/// A camera that was left out of a solved room because of what is wrong with it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CameraFault {
-    /// Index of the camera.
+pub struct Culprit {
+    /// Which camera.
     pub camera: usize,
     /// What is wrong.
     pub cause: Cause,

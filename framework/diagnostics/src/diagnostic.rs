@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Bytes of the rig's text.
 pub type Span = Range<usize>;
 
-/// Latest diagnostics that are searched for a repetition.
+/// Diagnostics among which a repetition is looked for.
 const RECENT: usize = 100;
 
 /// Whether a rig can run in spite of it.
@@ -45,19 +45,19 @@ impl Diagnostic {
         (self.line, self.column)
     }
 
-    /// Adds help: what to do about it.
+    /// Says what to do about it.
     pub fn help(&mut self, help: impl fmt::Display) -> &mut Self {
         self.help = Some(help.to_string());
         self
     }
 
-    /// Adds help, where there is any.
+    /// Says what to do about it, where that is known.
     pub fn maybe_help(&mut self, help: Option<String>) -> &mut Self {
         self.help = help.or(self.help.take());
         self
     }
 
-    /// Adds another place that belongs to it.
+    /// Shows another place that belongs to it.
     pub fn also(&mut self, span: Span, label: impl fmt::Display) -> &mut Self {
         self.others.push((span, label.to_string()));
         self
@@ -129,7 +129,7 @@ impl Findings {
         &mut self.list[last]
     }
 
-    /// Whether no diagnostic has `label` at `span` yet.
+    /// Whether nobody has said `label` of `span` yet.
     pub fn is_new(&self, span: &Span, label: &str) -> bool {
         !self.list.iter().rev().take(RECENT).any(|it| it.span == *span && it.label == label)
     }

@@ -12,7 +12,7 @@ use foveate_node::io::Gap;
 pub struct FaultRecord {
     /// The node instance.
     pub instance: String,
-    /// Whether the rig or the program is at fault.
+    /// Whose fault it is.
     pub blame: Blame,
     /// What happened.
     pub message: String,

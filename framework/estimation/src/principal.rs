@@ -1,8 +1,7 @@
-//! Principal components: the directions in which samples vary most, with their variances.
+//! The directions in which samples vary most, and how much: principal components.
 //!
-//! Computed from whichever is smaller for n samples of d numbers each: the d × d covariance, or the n × n inner
-//! products of samples, which have the same eigenvalues. Variances are sums of squares divided by n − 1. The sign of a
-//! direction is arbitrary; here its largest number is positive.
+//! Of n samples of d numbers each, from whichever is smaller: the d × d covariance, or the n × n products of samples with one another, which has the same
+//! eigenvalues. Variances are sums of squares divided by n − 1. The sign of a direction, which means nothing, is such that its largest number is positive.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,38 +10,38 @@ const ROUNDING: f64 = 1e-13;
 /// A variance is rounding, too, below the square of this part of the largest number.
 const ROUNDING_OF_NUMBERS: f64 = 1e-14;
 
-/// Mean, principal directions and variances of samples.
+/// Mean, directions and variances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Principal {
-    /// Mean of the samples.
+    /// Of the samples.
     pub mean: DVector<f64>,
-    /// Principal directions: orthonormal columns (d × k), by falling variance; as many as the samples span.
+    /// Orthonormal columns (d × k), by falling variance; as many as the samples span.
     pub directions: DMatrix<f64>,
-    /// Variance along each direction, above zero.
+    /// Along each direction, above zero.
     pub variances: Vec<f64>,
 }
 
-/// Why there are no principal components.
+/// Why there is no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PrincipalError {
     /// No sample, or samples without numbers.
     #[error("{samples} samples of {numbers} numbers have no mean")]
     Empty {
-        /// Number of samples.
+        /// How many samples.
         samples: usize,
-        /// Numbers in each sample.
+        /// Of how many numbers each.
         numbers: usize,
     },
-    /// A number that is NaN or infinite.
+    /// A number that is none.
     #[error("sample {sample}, number {number} is not finite")]
     NotFinite {
-        /// Index of the sample.
+        /// Which sample.
         sample: usize,
-        /// Index of the number in it.
+        /// Which of its numbers.
         number: usize,
     },
-    /// A covariance that is not square, or does not match the mean.
-    #[error("the covariance is {rows} × {columns}, expected {numbers} × {numbers} as the mean has {numbers} numbers")]
+    /// A covariance that is not square, or not of the mean's size.
+    #[error("a covariance of {rows} × {columns} for a mean of {numbers} numbers")]
     Shape {
         /// Rows of the covariance.
         rows: usize,
@@ -53,7 +52,7 @@ pub enum PrincipalError {
     },
 }
 
-/// Principal components of `samples`, one a column (d × n). A single sample, or equal ones, have a mean and no direction.
+/// Of `samples`, one a column (d × n). One sample alone, or equal ones, have a mean and no direction.
 ///
 /// # Errors
 /// [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].
@@ -91,7 +90,7 @@ pub fn principal(samples: &DMatrix<f64>) -> Result<Principal, PrincipalError> {
     Ok(Principal { mean, directions, variances: among_samples.variances })
 }
 
-/// Principal components of a distribution with this mean and (symmetric) covariance.
+/// Of numbers with this mean and covariance (symmetric).
 ///
 /// # Errors
 /// [`PrincipalError::Shape`], [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].

@@ -6,27 +6,27 @@
 /// Multiplies a median absolute deviation to give the standard deviation of Gaussian data: 1/Φ⁻¹(¾).
 pub const SIGMA_PER_MAD: f64 = 1.482_602_218_505_602;
 
-/// Summary statistics of a list of numbers, in the unit of the values.
+/// What a list of numbers looks like; in the unit of the values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
-    /// Number of finite values; at least 1.
+    /// How many finite values there were; at least 1.
     pub count: usize,
-    /// Number of values left out as not finite.
+    /// How many values were left out as not finite.
     pub left_out: usize,
     /// Mean.
     pub mean: f64,
-    /// Median: half of the values are smaller.
+    /// Half of the values are smaller.
     pub median: f64,
-    /// 90th percentile.
+    /// 90 % of the values are smaller.
     pub p90: f64,
-    /// 95th percentile.
+    /// 95 % of the values are smaller.
     pub p95: f64,
-    /// Largest value.
+    /// Largest.
     pub max: f64,
 }
 
 impl Summary {
-    /// Summary of the finite values; `None` when there is none.
+    /// Of the finite ones among `values`; `None` when there is none.
     pub fn of(values: &[f64]) -> Option<Summary> {
         let sorted = finite_sorted(values);
         let count = sorted.len();
@@ -42,7 +42,7 @@ impl Summary {
     }
 }
 
-/// Median of the finite values, midway between the two middle ones for an even count; `None` without a finite value.
+/// The middle value, or midway between the two middle ones; `None` without a finite value.
 pub fn median(values: &[f64]) -> Option<f64> {
     percentile(values, 50.0)
 }
@@ -56,8 +56,8 @@ pub fn percentile(values: &[f64], percent: f64) -> Option<f64> {
     percentile_of_sorted(&finite_sorted(values), percent)
 }
 
-/// Median absolute deviation; times [`SIGMA_PER_MAD`] it is an estimate of the standard deviation that tolerates
-/// nearly one half of outliers. `None` without a finite value.
+/// Median of the distances from the median; times [`SIGMA_PER_MAD`] it estimates a standard deviation that one half of
+/// outliers cannot spoil. `None` without a finite value.
 pub fn mad(values: &[f64]) -> Option<f64> {
     let mut distances = finite_sorted(values);
     let centre = percentile_of_sorted(&distances, 50.0)?;

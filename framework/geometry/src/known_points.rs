@@ -1,12 +1,11 @@
-//! Camera calibration from one picture of a three-dimensional target: optics and pose from known points and their pixels.
+//! A camera, optics and pose, from points of known place and the pixels at which it sees them: what one picture of a three-dimensional target gives.
 //!
 //! [`direct_linear_transformation`] needs no start: Y. Abdel-Aziz, H. Karara, "Direct linear transformation from comparator coordinates into object space
 //! coordinates", 1971; the eleven coefficients as the least eigenvector of the normal equations, coordinates moved to their centroid and scaled first
-//! (R. Hartley, "In defense of the eight-point algorithm", TPAMI 19(6), 1997). It has no lens distortion.
-//! [`camera_from_points`] starts there and minimises the
-//! reprojection error over pose, optics and lens by Levenberg–Marquardt. Outliers are removed a few at a time, worst first.
+//! (R. Hartley, "In defense of the eight-point algorithm", TPAMI 19(6), 1997). It knows no lens. [`camera_from_points`] starts there and minimises the distances
+//! in pixels over pose, optics and lens by Levenberg–Marquardt. Pairs that do not belong together are left out, a few at a time, worst first.
 //!
-//! Points on one plane do not fix a camera and are refused.
+//! Points on one plane fix no camera and are refused.
 
 use foveate_estimation::least_squares::{Damping, DriverOptions, SmallEquations, SmallProblem, solve_small};
 use foveate_estimation::statistics::median;
@@ -16,37 +15,37 @@ use crate::bundle::{CLOCK, Freedom, Posed, moved};
 use crate::camera::Camera;
 use crate::from_matrix::ProjectionError;
 
-/// A known point of the target and its pixel.
+/// A point of the target and where it was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownPoint {
-    /// Position in the world [m].
+    /// In the world [m].
     pub place: Point3<f64>,
-    /// Measured pixel, raw [px].
+    /// Raw [px].
     pub pixel: Point2<f64>,
 }
 
-/// The camera found by [`camera_from_points`].
+/// What [`camera_from_points`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraFit {
-    /// Optics and pose.
+    /// The camera.
     pub camera: Camera,
-    /// By pair: whether it was used; `false` for outliers.
+    /// By pair: whether it was used.
     pub used: Vec<bool>,
-    /// Root mean square reprojection error of the used pairs [px].
+    /// Root mean square distance of the used ones [px].
     pub rms_px: f64,
-    /// Relative standard deviation of the common factor of both focal lengths, from the residuals [–].
+    /// Standard deviation of both focal lengths together, relative, if errors are as large as they turned out [–].
     pub focal_sigma: f64,
 }
 
 /// Why there is no camera.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum KnownPointsError {
-    /// Too few pairs: the linear transformation needs six points, a lens more.
+    /// Eleven coefficients need six points, a lens more.
     #[error("{found} pairs of point and pixel, expected at least {expected}")]
     TooFew {
-        /// Number of finite pairs.
+        /// Finite pairs.
         found: usize,
-        /// Number that is needed.
+        /// The least.
         expected: usize,
     },
     /// The points lie in a plane, or nearly.
@@ -57,21 +56,21 @@ pub enum KnownPointsError {
         /// Standard deviation across the plane over that along it.
         ratio: f64,
     },
-    /// The linear solution is not a camera.
-    #[error("the direct linear transformation gives no camera: {0}")]
+    /// The coefficients are not those of a camera.
+    #[error("the direct linear transformation is not that of a camera: {0}")]
     NoCamera(ProjectionError),
     /// Most points lie behind the camera: left and right are exchanged, in the pixels or in the points.
-    #[error("{behind} of {count} points lie behind the camera: the target or the pixels are mirrored")]
+    #[error("{behind} of {count} points lie behind the camera: the target is mirrored")]
     Mirrored {
-        /// Points behind the camera.
+        /// How many.
         behind: usize,
-        /// Number of points.
+        /// Of so many.
         count: usize,
     },
-    /// The search for the optics did not converge.
-    #[error("the search for the optics did not converge: rms {rms_px:.2} px at its end")]
+    /// No minimum.
+    #[error("the search for the optics does not end: rms {rms_px:.2} px where it stopped")]
     NoConvergence {
-        /// Root mean square reprojection error at the end [px].
+        /// Root mean square distance there [px].
         rms_px: f64,
     },
 }
@@ -95,7 +94,7 @@ const OPTIONS: DriverOptions = DriverOptions {
     absolute_gain: 0.5e-12,
 };
 
-/// The pinhole camera of least algebraic error, without lens distortion: a start for [`camera_from_points`].
+/// The pinhole camera that sees `pairs` best in the algebraic sense, without a lens.
 ///
 /// # Errors
 /// See [`KnownPointsError`].
@@ -149,7 +148,7 @@ pub fn direct_linear_transformation(image_size: [u32; 2], pairs: &[KnownPoint]) 
     Ok(camera)
 }
 
-/// The camera of least reprojection error. `free` says which optics and lens coefficients are estimated; the pose always is.
+/// The camera that sees `pairs` at the least distances, of whose optics what `free` says is not that of a plain lens: its pose is always free.
 ///
 /// # Errors
 /// See [`KnownPointsError`].

@@ -1,40 +1,40 @@
-//! Lines of sight, and their closest approach.
+//! Lines of sight, and where two of them come closest.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 /// Two rays whose angle has a smaller sine than this [rad] count as parallel.
 const PARALLEL: f64 = 1e-6;
 
-/// A line of sight: a line with an origin and a direction. Depths along it are signed, negative behind the origin.
+/// A line with an origin and a direction; depths along it are signed, and behind the origin negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Origin, for example a camera's centre [m].
+    /// Where it starts, such as a camera's centre [m].
     pub origin: Point3<f64>,
-    /// Unit direction.
+    /// Where it goes, of length 1.
     pub direction: Unit<Vector3<f64>>,
 }
 
-/// Where two rays come closest to each other.
+/// Where two rays come closest to one another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Approach {
     /// Midway between the two closest points [m].
     pub midpoint: Point3<f64>,
-    /// Distance between the two closest points [m].
+    /// The distance between these [m].
     pub gap: f64,
-    /// Depth of the closest point on the first ray; negative behind its origin [m].
+    /// Of the closest point on the first ray; negative when behind its origin [m].
     pub depth_a: f64,
-    /// Depth of the closest point on the second ray; negative behind its origin [m].
+    /// Of the closest point on the second ray; negative when behind its origin [m].
     pub depth_b: f64,
 }
 
 impl Ray {
-    /// The point at `depth` along the ray [m].
+    /// The point `depth` metres along.
     #[inline]
     pub fn at(&self, depth: f64) -> Point3<f64> {
         self.origin + self.direction.into_inner() * depth
     }
 
-    /// Depth of the point on the ray closest to `point`; negative behind the origin [m].
+    /// How far along the ray its closest point to `point` lies; negative when behind the origin [m].
     #[inline]
     pub fn depth_of(&self, point: &Point3<f64>) -> f64 {
         (point - self.origin).dot(&self.direction)
@@ -47,8 +47,8 @@ impl Ray {
     }
 }
 
-/// The closest approach of the lines of `a` and `b`; `None` when they are parallel to within a millionth of a radian,
-/// or not finite. Check the depths where only points in front of the origins count.
+/// Where the lines of `a` and `b` come closest; `None` when they are parallel to within a millionth of a radian, or
+/// not finite. Check the depths if only what lies in front counts.
 #[inline]
 pub fn closest_approach(a: &Ray, b: &Ray) -> Option<Approach> {
     let normal = a.direction.cross(&b.direction);

@@ -1,11 +1,11 @@
-//! Errors of this crate's functions about their arguments.
+//! What can be wrong with what this room is given.
 
 use std::fmt;
 
 /// Why a picture, a table or a setting is refused.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ImagingError {
-    /// A buffer has another number of elements than its size requires.
+    /// A buffer does not hold what its size promises.
     WrongLength {
         /// Which buffer.
         what: &'static str,
@@ -14,7 +14,7 @@ pub enum ImagingError {
         /// Elements that it has.
         found: usize,
     },
-    /// Two pictures or tables that are compared pixel by pixel have different sizes.
+    /// Two things of different sizes were to be compared pixel by pixel.
     WrongSize {
         /// Which of them.
         what: &'static str,
@@ -25,7 +25,7 @@ pub enum ImagingError {
     },
     /// A setting lies outside its range.
     Setting {
-        /// Name of the camera.
+        /// Its name.
         name: &'static str,
         /// What it has to be.
         expected: &'static str,

@@ -1,6 +1,6 @@
-//! C3D, the file format of motion capture laboratories: reader and writer, pure functions over bytes.
+//! C3D, the file format of motion capture laboratories: own reader and writer, pure functions over bytes.
 //!
-//! Source: *The C3D File Format: A Technical User Guide*, Motion Lab Systems, and files of several makers. Conventions of this codec:
+//! Source: *The C3D File Format: A Technical User Guide*, Motion Lab Systems, and files of several makers. What of it is ours to decide:
 //!
 //! | here | rule |
 //! |---|---|
@@ -8,35 +8,15 @@
 //! | missing | residual −1, coordinates 0 |
 //! | supplied by a model | residual 0, no camera: the format's own mark for interpolated points |
 //! | measured | residual above 0, in steps of the scale, up to 255 of them |
-//! | camera mask | 7 bits; `FOVEATE:CAMERAS` names the camera of each |
+//! | camera mask | 7 bits; what each stands for is told in `FOVEATE:CAMERAS` |
 //! | more than 255 points | `LABELS2`, `LABELS3`, … of 255 labels each |
 //! | more than 65,535 frames | the header saturates; `TRIAL:ACTUAL_START_FIELD`, `TRIAL:ACTUAL_END_FIELD` and `POINT:LONG_FRAMES` tell |
 //! | byte order | Intel, DEC and SGI (MIPS), read and written |
 //!
-//! Values that readers compare are written consistently: one analog sample a frame in the header and `ANALOG:RATE` =
-//! `POINT:RATE`, though there are no channels, and a description for each label.
+//! What readers hold against each other agrees: one analog sample a frame in the header beside `ANALOG:RATE` = `POINT:RATE`, though there are no channels,
+//! and a description for each label.
 //!
-//! A file with wrong sizes costs no more memory than a few times its own length.
-//!
-//! ```
-//! use foveate_motion::c3d::{ByteOrder, Coding, Recording, Sample, read, write};
-//!
-//! let at = |x: f32| Sample { position: [x, 0.0, 450.0], residual: 0.5, cameras: 0b11 };
-//! let recording = Recording {
-//!     rate_hz: 100.0,
-//!     units: "mm".to_owned(),
-//!     first_frame: 1,
-//!     labels: vec!["LKNE".to_owned(), "RKNE".to_owned()],
-//!     samples: vec![at(100.0), at(-100.0), at(101.5), Sample::MISSING], // two frames of two points
-//!     ..Recording::default()
-//! };
-//! let file = write(&recording, Coding::Float { residual_step: 0.1 }, ByteOrder::Intel)?;
-//! let back = read(&file)?;
-//! assert_eq!((back.n_frames(), back.labels), (2, recording.labels));
-//! assert_eq!(back.samples[2].position, [101.5, 0.0, 450.0]);
-//! assert!((back.samples[2].residual - 0.5).abs() < 1e-6 && !back.samples[3].is_present());
-//! # Ok::<(), foveate_motion::c3d::C3dError>(())
-//! ```
+//! A file that lies about its sizes costs no more memory than a few times its own length.
 
 mod growing;
 mod layout;
@@ -52,91 +32,91 @@ use std::fmt;
 
 pub use growing::{Growing, POINT_BYTES};
 pub use order::ByteOrder;
-pub use read::{read, read_with_remarks};
+pub use read::{read, read_told};
 pub use write::{Coding, write};
 
-/// A point in one frame.
+/// One point in one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
-    /// Position in the recording's unit; 0 where it is missing.
+    /// In the recording's unit; 0 where it is missing.
     pub position: [f32; 3],
-    /// Residual: mean distance between the point and the rays that it was triangulated from, in the recording's unit;
-    /// negative where the point is missing, 0 where it was not measured.
+    /// Mean distance between the point and the rays that it was made from, in the recording's unit: negative where the point is missing, 0 where it was not
+    /// measured.
     pub residual: f32,
-    /// Bit mask of the cameras that saw it (lower seven bits).
+    /// The cameras that saw it, by the lower seven bits.
     pub cameras: u8,
 }
 
 impl Sample {
-    /// A missing point.
+    /// A point that is not there.
     pub const MISSING: Sample = Sample { position: [0.0; 3], residual: -1.0, cameras: 0 };
 
-    /// Whether the point is present.
+    /// Whether the point is there.
     pub fn is_present(&self) -> bool {
         self.residual >= 0.0
     }
 }
 
-/// A labelled moment, such as a foot strike.
+/// Something that happened at one time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Event {
-    /// Label of the event.
+    /// What.
     pub label: String,
-    /// Subject or side, such as `Left`, `Right` or `General`; empty where the file does not say.
+    /// Whose, such as `Left`, `Right` or `General`; empty where the file does not say.
     pub context: String,
-    /// Time on the file's clock [s].
+    /// On the file's own clock [s].
     pub time_s: f64,
 }
 
-/// Analog channels, sampled several times a frame.
+/// What was recorded beside the points, several times a frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Analog {
-    /// Names of the channels.
+    /// The channels.
     pub labels: Vec<String>,
-    /// Samples of each channel per frame.
+    /// Samples of each channel in a frame.
     pub per_frame: usize,
-    /// Values sample by sample, channel by channel within; scales and offsets are applied.
+    /// Sample by sample, in each of them channel by channel; scales and offsets are applied.
     pub values: Vec<f32>,
 }
 
-/// The content of a C3D file.
+/// What a file holds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
-    /// Frame rate [Hz].
+    /// Frames a second [Hz].
     pub rate_hz: f32,
     /// The unit of positions and residuals, such as `mm`.
     pub units: String,
     /// Number of the first frame, usually 1.
     pub first_frame: u32,
-    /// Names of the points.
+    /// The points.
     pub labels: Vec<String>,
-    /// Samples frame by frame, point by point within.
+    /// Frame by frame, in each of them point by point.
     pub samples: Vec<Sample>,
-    /// Labelled moments.
+    /// What happened meanwhile.
     pub events: Vec<Event>,
-    /// Analog channels; must be empty for writing.
+    /// Analog channels; written only where there are none.
     pub analog: Analog,
     /// Session time of the first frame, where the file says it [s].
     pub start_s: Option<f64>,
-    /// Camera of each bit of [`Sample::cameras`], at most 7; empty where the file does not say.
+    /// What each bit of [`Sample::cameras`] stands for, at most 7; empty where the file does not say.
     pub cameras: Vec<String>,
-    /// Whether y is up (`POINT:Y_SCREEN` is `+Y`); otherwise z is.
+    /// Whether y is up (`POINT:Y_SCREEN` is `+Y`); else z is.
     pub y_is_up: bool,
-    /// Points that are not positions, by kind; not written.
+    /// Points that are no places, by kind; not written.
     pub model_outputs: Vec<ModelOutputs>,
 }
 
-/// Outputs of a body model that are stored as points, such as three angles or a force. The group `POINT` lists the labels of each kind.
+/// What a model made of a body, stored as points: three angles, a force and so on. The group `POINT` lists the labels of each kind.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ModelOutputs {
-    /// Name of the list, such as `ANGLES`.
+    /// The list's name, such as `ANGLES`.
     pub kind: String,
-    /// Indices of the points among the labels.
+    /// By their place among the labels.
     pub points: Vec<usize>,
 }
 
 impl Recording {
-    /// Number of frames.
+    /// How many frames there are.
     pub fn n_frames(&self) -> usize {
         match (self.labels.len(), self.analog.labels.len() * self.analog.per_frame) {
             (0, 0) => 0,
@@ -145,20 +125,20 @@ impl Recording {
         }
     }
 
-    /// The samples of a frame, counted from 0; empty beyond the last.
+    /// The points of a frame, counted from 0; empty beyond the last.
     pub fn frame(&self, frame: usize) -> &[Sample] {
         self.samples.chunks_exact(self.labels.len().max(1)).nth(frame).unwrap_or(&[])
     }
 }
 
-/// Why a file cannot be read or written, with the place.
+/// What is wrong with a file, and where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct C3dError {
-    /// Offset of the byte, from 0.
+    /// The byte, counted from 0.
     pub offset: usize,
-    /// What was found.
+    /// What is there.
     pub found: String,
-    /// What was expected.
+    /// What should be.
     pub expected: String,
 }
 

@@ -1,6 +1,7 @@
-//! Charts: series of points in frames with axes, in a grid, with a legend.
+//! Charts: series of points in frames with axes, in a grid, with a legend beside it.
 //!
-//! The caller describes the data ([`Series`], [`Axis`], [`Chart`], [`Figure`]); margins, ticks, colours of axes, thinning and the legend follow.
+//! Who has data says what they are ([`Series`], [`Axis`], [`Chart`], [`Figure`]); margins, ticks, colours of axes, thinning and the
+//! legend follow from them.
 
 use crate::axes::{Labels, Panel, Range, Span};
 use crate::colours::Theme;
@@ -15,44 +16,44 @@ use crate::ticks::round_step;
 pub enum Marks {
     /// A line through the points of each piece.
     Line,
-    /// Dots of this radius [px].
+    /// Dots of that radius [px].
     Dots(f64),
-    /// A line from each point with an even index to the next one.
+    /// A line from each point with an even place to the next one.
     Strokes,
-    /// Each piece is the outline of an area, with this opacity.
+    /// Each piece is the outline of an area, so opaque.
     Areas(f64),
 }
 
-/// A series of points, drawn in one way and named in the legend.
+/// Points that belong together.
 #[derive(Debug, Clone)]
 pub struct Series<'a> {
-    /// Name in the legend; empty: none.
+    /// What the legend says; empty: nothing.
     pub name: String,
-    /// How the points are drawn.
+    /// How it is drawn.
     pub marks: Marks,
-    /// Colour and line style.
+    /// With what.
     pub pen: Pen<'a>,
-    /// Points in the units of the axes, in pieces between which no line is drawn.
+    /// In pieces, between which no line is drawn, in the units of the axes.
     pub pieces: Vec<Vec<Point>>,
 }
 
 impl<'a> Series<'a> {
-    /// A series in one piece.
+    /// In one piece.
     pub fn new(name: impl Into<String>, marks: Marks, pen: Pen<'a>, points: Vec<Point>) -> Self {
         Self { name: name.into(), marks, pen, pieces: vec![points] }
     }
 
-    /// A series drawn as a line.
+    /// A line.
     pub fn line(name: impl Into<String>, colour: &'a str, points: Vec<Point>) -> Self {
         Self::new(name, Marks::Line, Pen::new(colour, 1.4), points)
     }
 
-    /// A series drawn as dots.
+    /// Dots.
     pub fn dots(name: impl Into<String>, colour: &'a str, points: Vec<Point>) -> Self {
         Self::new(name, Marks::Dots(1.5), Pen::new(colour, 1.0), points)
     }
 
-    /// A series drawn as bars from 0 upwards: each [from x, to x, height].
+    /// Bars from 0 upwards: from one x to the next, so high.
     pub fn bars(name: impl Into<String>, colour: &'a str, bars: impl IntoIterator<Item = [f64; 3]>) -> Self {
         let outline = |[from, to, value]: [f64; 3]| {
             // A narrow gap between neighbours.
@@ -63,7 +64,7 @@ impl<'a> Series<'a> {
         Self { name: name.into(), marks: Marks::Areas(0.75), pen: Pen::new(colour, 1.0), pieces }
     }
 
-    /// The same series, dashed.
+    /// The same, dashed.
     pub fn dashed(self) -> Self {
         Self { pen: self.pen.dashed("5 3.5"), ..self }
     }
@@ -91,49 +92,49 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis with this label, which ends with the unit in brackets; it shows all data.
+    /// With this label, which ends with the unit in brackets; it shows all data.
     pub fn new(label: impl Into<String>) -> Self {
         Self { label: label.into(), ..Self::default() }
     }
 
-    /// A y axis of named rows in place of numbers: the first at the top, row number `i` at [`Self::row`].
+    /// In place of numbers, named rows, for y: the first at the top, row number `i` at [`Self::row`].
     pub fn of_rows(names: impl IntoIterator<Item = String>) -> Self {
         let rows: Vec<String> = names.into_iter().map(|it| fitted(&it, SMALL, 170.0)).collect();
         let range = Some(Range { min: 0.0, max: rows.len().max(1) as f64 });
         Self { range, rows, down: true, ..Self::default() }
     }
 
-    /// Position of the middle of a row.
+    /// The middle of a row.
     pub fn row(index: usize) -> f64 {
         index as f64 + 0.5
     }
 
-    /// The axis with this range, whatever the data are.
+    /// It shows this, whatever the data are.
     pub fn over(self, min: f64, max: f64) -> Self {
         Self { range: Some(Range { min, max }), ..self }
     }
 
-    /// The axis with a logarithmic scale; values that are not positive are not drawn.
+    /// Equal factors are equally long; what is not positive has no place.
     pub fn log(self) -> Self {
         Self { log: true, ..self }
     }
 
-    /// The axis with its low end at the top, as in images.
+    /// Its low end is at the top, as in images.
     pub fn down(self) -> Self {
         Self { down: true, ..self }
     }
 
-    /// The axis with a range that includes 0.
+    /// It shows 0, wherever the data are.
     pub fn from_zero(self) -> Self {
         Self { zero: true, ..self }
     }
 
-    /// The axis with whole numbers, for counts.
+    /// Its numbers are whole ones, for what is counted.
     pub fn whole(self) -> Self {
         Self { whole: true, ..self }
     }
 
-    /// The axis without label and numbers, above another chart with the same axis.
+    /// Without label and numbers, as the chart below has them.
     pub fn hidden(self) -> Self {
         Self { hidden: true, ..self }
     }
@@ -157,49 +158,49 @@ impl Axis {
     }
 }
 
-/// A frame with two axes and its series.
+/// A frame with two axes and what is drawn in it.
 #[derive(Debug, Clone)]
 pub struct Chart<'a> {
-    /// Title above the frame; empty: none.
+    /// Over it; empty: nothing.
     pub title: String,
-    /// Size of the frame [px].
+    /// Of the frame [px].
     pub size: [f64; 2],
-    /// Axis to the right.
+    /// To the right.
     pub x: Axis,
-    /// Axis upwards.
+    /// Upwards.
     pub y: Axis,
-    /// Whether both axes have the same scale; their ranges are then extended as needed.
+    /// Whether a unit to the right is as long as one upwards: axes show more than asked for where they must.
     pub equal: bool,
-    /// Series, from the back to the front.
+    /// From the back to the front.
     pub series: Vec<Series<'a>>,
-    /// Text where no series has a point.
+    /// What is said where no series has a point.
     pub if_empty: String,
 }
 
 impl<'a> Chart<'a> {
-    /// A chart without series.
+    /// Without series so far.
     pub fn new(title: impl Into<String>, size: [f64; 2], x: Axis, y: Axis) -> Self {
         let (series, if_empty) = (Vec::new(), "no data".to_owned());
         Self { title: title.into(), size, x, y, equal: false, series, if_empty }
     }
 
-    /// The chart with one more series in front.
+    /// With one more series, over the others.
     pub fn with(mut self, series: Series<'a>) -> Self {
         self.series.push(series);
         self
     }
 
-    /// The chart with the same scale on both axes.
+    /// A unit is as long on either axis.
     pub fn equal(self) -> Self {
         Self { equal: true, ..self }
     }
 
-    /// The chart with this text where no series has a point.
+    /// What is said where no series has a point.
     pub fn if_empty(self, text: impl Into<String>) -> Self {
         Self { if_empty: text.into(), ..self }
     }
 
-    /// The chart as an element of a page: without title and legend, in the page's own colours and font.
+    /// An element of a page: without title and legend, in the page's own colours and font.
     pub fn element(&self, theme: Theme, class: &str, name: &str) -> String {
         let panel = self.panel([0.0; 2]);
         let [left, below] = [self.left(&panel), self.below()];
@@ -322,9 +323,9 @@ impl Series<'_> {
 /// Charts in a grid, row by row, under one title, with one legend.
 #[derive(Debug, Clone)]
 pub struct Figure<'a> {
-    /// Title of the figure.
+    /// Over all.
     pub title: String,
-    /// Number of charts side by side.
+    /// Charts side by side.
     pub n_columns: usize,
     /// The charts.
     pub charts: Vec<Chart<'a>>,
@@ -408,7 +409,7 @@ impl Figure<'_> {
     }
 }
 
-/// A figure without data, which states the reason.
+/// A figure that says that it shows nothing, and why.
 pub fn nothing(title: &str, why: &str) -> String {
     let mut svg = Svg::new(text_width(title, crate::svg::TITLE).clamp(640.0, 1000.0) + 40.0, 100.0, title);
     svg.text([16.0, 66.0], Anchor::Start, TEXT, &format!("nothing to show: {why}"));

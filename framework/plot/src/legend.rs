@@ -1,27 +1,27 @@
-//! Legends: a list of what colours and signs mean, beside the panels.
+//! The list that says what colours and signs mean. It stands beside the panels, never on them.
 
 use crate::svg::{Anchor, Font, Pen, Point, SMALL, Svg, TEXT};
 use crate::text::{fitted, text_width};
 
-/// Width of a legend beside a figure [px].
+/// Space that a legend has beside a figure [px].
 pub const LEGEND_WIDTH: f64 = 190.0;
 /// Height of an entry [px].
 pub const LINE_HEIGHT: f64 = 19.0;
 /// From the left of the key to the text [px].
 const KEY: f64 = 32.0;
 
-/// Symbol of an entry.
+/// What stands before an entry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Key<'a> {
     /// A stretch of line.
     Line(Pen<'a>),
-    /// A filled area: colour and opacity.
+    /// Colour and opacity.
     Swatch(&'a str, f64),
     /// A small circle with an edge.
     Dot {
-        /// Colour of the circle.
+        /// Its colour.
         fill: &'a str,
-        /// Colour of its edge.
+        /// Its edge.
         edge: &'a str,
     },
     /// The symbol of a camera.
@@ -37,45 +37,45 @@ pub struct Legend {
 }
 
 impl Legend {
-    /// A list with its upper left corner at this point [px], [`LEGEND_WIDTH`] wide.
+    /// A list whose upper left corner is there [px], [`LEGEND_WIDTH`] wide.
     pub fn at([left, top]: Point) -> Self {
         Self { left, next: top, width: LEGEND_WIDTH }
     }
 
-    /// The list with another width [px].
+    /// The same of another width [px].
     pub fn wide(self, width: f64) -> Self {
         Self { width, ..self }
     }
 
-    /// Width of a list with these `texts` [px].
+    /// The width that `texts` need [px].
     pub fn width_of<'t>(texts: impl IntoIterator<Item = &'t str>) -> f64 {
         KEY + texts.into_iter().map(|it| text_width(it, SMALL)).fold(0.0, f64::max)
     }
 
-    /// Top of the next entry [px].
+    /// Where the next entry begins [px].
     pub fn bottom(&self) -> f64 {
         self.next
     }
 
-    /// Continues from there, unless the list is further down already [px].
+    /// Goes on from there, unless it is further down already [px].
     pub fn down_to(&mut self, top: f64) {
         self.next = self.next.max(top);
     }
 
-    /// Adds a heading over the entries that follow.
+    /// Words over the entries that follow.
     pub fn heading(&mut self, svg: &mut Svg, text: &str) {
         let font = Font::new(TEXT).bold();
         svg.text([self.left, self.next + 12.0], Anchor::Start, font, &fitted(text, TEXT, self.width));
         self.next += LINE_HEIGHT + 2.0;
     }
 
-    /// Adds a line of text without a symbol.
+    /// A line of words without a key.
     pub fn words(&mut self, svg: &mut Svg, text: &str) {
         svg.text([self.left, self.next + 13.0], Anchor::Start, SMALL, &fitted(text, SMALL, self.width));
         self.next += LINE_HEIGHT;
     }
 
-    /// Adds an entry.
+    /// The next line of the list.
     pub fn entry(&mut self, svg: &mut Svg, key: Key<'_>, text: &str) {
         let (left, middle) = (self.left, self.next + LINE_HEIGHT / 2.0);
         let ink = svg.theme().ink;
@@ -99,7 +99,7 @@ impl Legend {
         self.next += LINE_HEIGHT;
     }
 
-    /// Adds a scale bar, at most 100 px long, with its length as text below.
+    /// A line of a known length, at most 100 px, with the length below.
     pub fn scale_bar(&mut self, svg: &mut Svg, pixels: f64, text: &str) {
         let (left, right, y) = (self.left, self.left + pixels, self.next + LINE_HEIGHT / 2.0);
         let ink = svg.theme().ink;
@@ -113,7 +113,7 @@ impl Legend {
         self.next += 2.0 * LINE_HEIGHT;
     }
 
-    /// Leaves space between groups.
+    /// Free space between groups.
     pub fn skip(&mut self) {
         self.next += LINE_HEIGHT * 0.5;
     }

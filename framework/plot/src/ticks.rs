@@ -1,4 +1,4 @@
-//! Ticks: positions and texts of the numbers at an axis, in round steps.
+//! Where an axis has numbers, and how they are written: the one place that knows round steps.
 
 use crate::axes::{Range, Span};
 use crate::text::{fixed, power_of_ten};
@@ -27,19 +27,19 @@ fn steps_around(low: f64, high: f64) -> Vec<f64> {
     powers.flat_map(|exponent| [1.0, 2.0, 5.0].map(|it| it * power(exponent))).collect()
 }
 
-/// Ticks of an axis.
+/// The numbers of an axis.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Ticks {
-    /// Tick values, ascending.
+    /// Values, ascending.
     pub values: Vec<f64>,
-    /// Text of each tick.
+    /// What is written at each.
     pub texts: Vec<String>,
-    /// Suffix for the axis label: a power of ten or an offset; mostly empty.
+    /// What the label of the axis has to add: a power of ten, an offset; mostly nothing.
     pub suffix: String,
 }
 
 impl Ticks {
-    /// At most about `n` ticks along `span`; `step`: at its multiples, unless these are too many.
+    /// At most about `n` of them along `span`; `step`: at its multiples, where they are not too many.
     pub fn of(span: &Span, n: f64, step: Option<f64>) -> Self {
         let Range { min, max } = span.range;
         if span.log {
@@ -73,7 +73,7 @@ impl Ticks {
         Self { values, texts, suffix: String::new() }
     }
 
-    /// Length of the longest text [characters].
+    /// The longest text [characters].
     pub fn longest(&self) -> usize {
         self.texts.iter().map(|it| it.chars().count()).max().unwrap_or(0)
     }

@@ -36,7 +36,7 @@ pub struct Graph {
     pub calibration: Arc<Calibration>,
     /// The scales, parents before children.
     pub scales: Vec<Scale>,
-    /// The same scales in the form that nodes get.
+    /// The same, as nodes are told of them.
     pub places: Arc<[ScalePlace]>,
     /// Node instances; each stands behind all that trigger it.
     pub instances: Vec<Instance>,
@@ -44,11 +44,11 @@ pub struct Graph {
     pub edges: Vec<Edge>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
-    /// Which node writes which file of the results.
+    /// Who writes which file of the results.
     pub claims: Claims,
-    /// What serves pages to browsers while this graph runs; none unless the caller sets one.
+    /// What serves pages to browsers while this graph runs; a graph has none unless whoever runs it gives it one.
     pub pages: Pages,
-    /// What is probably a mistake.
+    /// What is probably not as meant.
     pub warnings: Diagnostics,
 }
 
@@ -61,7 +61,7 @@ pub struct Scale {
     pub parent: Option<String>,
     /// The target that its space moves with: a node of the parent, dot, the target's name.
     pub anchor: Option<String>,
-    /// How that target is picked; there with `anchor`.
+    /// Which target of that node's carries the name; there with `anchor`.
     pub anchor_rule: Option<AnchorRule>,
     /// Working volume in its own space [m], opposite corners.
     pub volume_m: Option<[[f64; 3]; 2]>,
@@ -115,12 +115,12 @@ pub struct Cost {
 /// What happens when a node fails on a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnError {
-    /// The node stops, and with it all that depends on it alone; the rest of the rig continues.
+    /// The node and what hangs on it alone stop; the rest of the rig goes on.
     #[default]
     Stop,
-    /// The message is dropped and counted; the node keeps its state (after a panic it is restarted).
+    /// The message is dropped and counted; the node keeps its state (after a panic it is made anew).
     Skip,
-    /// The message is dropped and counted; the node is restarted.
+    /// The message is dropped and counted; the node is made anew.
     Restart,
 }
 
@@ -135,7 +135,7 @@ pub struct Edge {
     pub name: String,
     /// Closes a cycle.
     pub feedback: bool,
-    /// Delay of its messages in a run that is not live, where the rig states one.
+    /// How much later what goes along it is seen in a run that is not live, where the rig says so.
     pub delay: Option<Interval>,
     /// What happens when the consumer is behind.
     pub queue: Queue,
@@ -196,7 +196,7 @@ impl Instance {
 }
 
 impl Graph {
-    /// The setup of instance `index`.
+    /// What instance `index` is given when it is made.
     pub fn setup(&self, index: usize, out_dir: Option<PathBuf>, purpose: Purpose) -> Setup {
         let instance = &self.instances[index];
         let scale = &self.scales[instance.scale];
@@ -230,7 +230,7 @@ impl Graph {
 
     /// The part of the rig that `wanted` nodes need: they, and what they get messages from, directly or through others, but for what
     /// comes back to them along an edge that closes a cycle; such inputs are only sampled, and stay open.
-    pub fn upstream_of(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
+    pub fn leading_to(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
         let mut kept: Vec<bool> = self.instances.iter().map(wanted).collect();
         let mut grew = true;
         while grew {

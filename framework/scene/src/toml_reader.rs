@@ -6,8 +6,7 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::error::{CalibrationDiagnostic, CalibrationError, sort_by_place};
-use crate::text::place_of;
+use crate::calibration::{CalibrationDiagnostic, CalibrationError, place_of, sort_by_place};
 
 pub(crate) type Value<'i> = Spanned<DeValue<'i>>;
 
@@ -30,7 +29,7 @@ pub(crate) fn read<T>(
     if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
 }
 
-/// One document being read: all faults are collected in `faults` and reported together.
+/// One document being read: what is wrong gathers in `faults`, so that all of it is told at once.
 pub(crate) struct Reader<'a> {
     /// The whole of it.
     pub text: &'a str,

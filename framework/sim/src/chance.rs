@@ -1,4 +1,4 @@
-//! Random numbers by index: any event of any timeline can be drawn by its number, in any order.
+//! Randomness that depends on what is asked for and not on when: any event of any timeline can be drawn by its number.
 
 use foveate_estimation::random::Random;
 

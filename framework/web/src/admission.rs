@@ -1,4 +1,4 @@
-//! Which requests are accepted.
+//! Who may come in.
 //!
 //! A page of another site that a person has open could send requests here from that person's browser: its `Origin` is another one. A site whose name was made to
 //! point to this machine (DNS rebinding) has an `Origin` that looks right, but its name stands in `Host`: only addresses and names of this machine are
@@ -8,16 +8,16 @@ use std::net::{IpAddr, SocketAddr};
 
 use crate::http::Request;
 
-/// Which names and tokens the server accepts.
+/// What the server takes for its own.
 #[derive(Debug, Clone)]
 pub(crate) struct Admission {
     address: SocketAddr,
-    /// The name of its listening address.
+    /// The name that it was told to listen at.
     name: String,
     token: Option<String>,
 }
 
-/// Why a request is refused.
+/// Why somebody may not come in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {
     Host,
@@ -41,7 +41,7 @@ impl Admission {
         Admission { address, name: name.to_owned(), token }
     }
 
-    /// Whether `request` is accepted.
+    /// Whether `request` may come in.
     pub(crate) fn check(&self, request: &Request) -> Result<(), Refusal> {
         if !request.host.as_deref().is_some_and(|it| self.is_own(it)) {
             return Err(Refusal::Host);

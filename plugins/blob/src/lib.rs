@@ -15,7 +15,7 @@ pub use settings::{BlobSettings, ReportedPoint};
 
 use foveate::prelude::Registry;
 
-/// Registers the nodes of this plugin.
+/// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<detector::Detector>();
 }

@@ -11,7 +11,7 @@ pub mod detector;
 pub use detector::BoardSettings;
 use foveate::prelude::Registry;
 
-/// Registers the nodes of this plugin.
+/// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<detector::Detector>();
 }

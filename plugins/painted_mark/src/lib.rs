@@ -7,7 +7,7 @@ pub mod tracker;
 
 use foveate::prelude::Registry;
 
-/// Registers the nodes of this plugin.
+/// Makes the nodes of this plugin known.
 pub fn register(registry: &mut Registry) {
     registry.add::<tracker::TrackerNode>();
     registry.add::<integrator::Integrator>();

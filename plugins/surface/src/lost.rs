@@ -1,5 +1,5 @@
-//! Search for lost points by their last patch: at the place predicted by their neighbours, or, where these are lost too, by a body.
-//! Points that are found again keep their identity.
+//! Points that were lost, and are looked for again by the patch they were last seen with: where their neighbours have gone since, or, where these are lost too, where a body says that they
+//! are. What is found keeps its identity.
 
 use foveate::estimation::statistics::median;
 use foveate::geometry::Camera;
@@ -22,7 +22,7 @@ const SCATTERS: f64 = 5.0;
 /// Other views are searched so far around where a body says that they see a point [px].
 const OTHER_VIEW_PX: usize = 8;
 
-/// A lost point.
+/// A point that was lost.
 #[derive(Debug, Clone)]
 pub struct LostTrack {
     /// Where it would be now; its bending is that of its patch since it was seen last.
@@ -39,7 +39,7 @@ pub struct LostTrack {
     anchor: Option<(Anchor, Isometry3<f64>)>,
 }
 
-/// Data for the search of lost points at one moment.
+/// What lost points are looked for with, at one moment.
 pub struct Search<'a> {
     /// All views.
     pub views: &'a [View],
@@ -55,7 +55,7 @@ pub struct Search<'a> {
     pub options: &'a TrackOptions,
 }
 
-/// Source of a lost point's prediction.
+/// What says where a lost point is.
 pub enum Expected<'a> {
     /// Its neighbours.
     Beside(LocalMotion<'a>),
@@ -161,7 +161,7 @@ impl LostTrack {
 }
 
 impl Stepper {
-    /// Searches lost points; those that are found are removed from the list.
+    /// Looks for points that were lost; those that are found are no longer among them.
     pub fn regenerate(
         &mut self,
         measurer: &mut Measurer,

@@ -20,7 +20,7 @@ pub(crate) struct Turn {
     pub image: Stamped<Arc<Image>>,
     /// Whether it is one of the empty scene.
     pub is_empty: bool,
-    /// Pose at capture; `None`: unknown.
+    /// From where it was taken; `None`: nobody could say.
     pub from: Option<From>,
 }
 

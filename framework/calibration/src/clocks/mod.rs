@@ -1,12 +1,12 @@
-//! Clock offsets of unsynchronised cameras from the path of one light, before anything else is known.
+//! Cameras that share no clock: how far theirs are apart, from the path of one light, before anything else is known.
 //!
-//! 1. Each camera's observations are compared with their neighbours; those on a smooth path are kept, with interpolated places and velocities.
+//! 1. Each camera's observations are held against their neighbours; those on a smooth path are kept, with where the light was between them and how fast.
 //! 2. Pairs of cameras are compared at every offset in the window, without poses, by whether one epipolar geometry explains them.
 //! 3. The offsets of all pairs are brought to agree; pairs that contradict the others are dropped.
 //! 4. Frames by these clocks give a room ([`self_calibrate`](foveate_geometry::self_calibration)), whose adjustment has the clocks free; frames are
-//!    rebuilt until the clocks converge. Its covariance gives the uncertainty of each clock.
+//!    made anew until clocks stand still. Its covariance says how well each is known.
 //!
-//! Offsets that the path does not determine are refused with the reason: a light at rest, one that repeats its path, or one that moves evenly on a circle.
+//! Offsets that the path does not tell are refused with the reason: a light at rest, one that repeats its path, or goes round evenly.
 //!
 //! Source of the problem and of the data it is measured on: J. Li, J. Murray, D. Ismaili, K. Schindler, C. Albl, "Reconstruction of 3D flight
 //! trajectories from ad-hoc camera networks", IROS 2020 (which needs offsets that are known to a second or so).
@@ -32,7 +32,7 @@ use crate::solved::ClockFit;
 use agreement::{Compared, agree};
 use pairs::{PairOptions, Straight, compare};
 
-/// Options of [`synchronise`].
+/// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockOptions {
     /// Clocks are compared up to this far apart, either way [s].
@@ -55,7 +55,7 @@ pub struct ClockOptions {
     pub max_frames: usize,
     /// A clock with a larger standard deviation is not determined [s].
     pub max_sigma_s: f64,
-    /// Clocks that move less than this from one round to the next have converged [s].
+    /// Clocks that move less from one round to the next have settled [s].
     pub settled_s: f64,
     /// Of the random draws.
     pub seed: u64,
@@ -85,7 +85,7 @@ impl Default for ClockOptions {
 pub struct ClockLink {
     /// The one of the lower number.
     pub a: usize,
-    /// The second one.
+    /// The other.
     pub b: usize,
     /// What a's clock shows less what b's shows, in the middle of what both saw [s].
     pub offset_s: f64,
@@ -100,10 +100,10 @@ pub struct ClockLink {
 /// Offsets this much beyond the window are within it, as far as is known before all cameras are taken together [s].
 const BESIDE_S: f64 = 2e-3;
 
-/// Whether a camera's clock was found, and if not, why.
+/// What became of a camera's clock.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ClockStatus {
-    /// It is the reference clock.
+    /// It is the room's.
     Reference,
     /// It is known.
     Found {
@@ -114,7 +114,7 @@ pub enum ClockStatus {
     TooFewViews {
         /// Moments at steps of the path.
         moments: usize,
-        /// Number that is needed.
+        /// How many are needed.
         needed: usize,
     },
     /// What it saw stays in place.
@@ -122,31 +122,31 @@ pub enum ClockStatus {
         /// Root of the mean squared distance of its pixels from their centre [px].
         spread_px: f64,
     },
-    /// No pair determines its offset; the reason of the pair that came closest.
-    Undetermined {
+    /// No pair tells its offset; the reason of the pair that came closest.
+    NotTold {
         /// The other camera of that pair.
         other: usize,
         /// Why not.
         fault: PairError,
     },
-    /// Pairs determine its offset to some cameras, but not to the larger group.
+    /// Pairs tell how it stands to others, but not to the larger group of cameras.
     Separate {
         /// Those that it stands with.
         group: Vec<usize>,
     },
-    /// Pairs determine its offset, but its pose could not be found.
+    /// Pairs tell its offset, but its pose could not be found.
     NoPose {
-        /// Why it was not calibrated.
+        /// Why.
         status: CameraStatus,
     },
-    /// Pairs lead to an offset beyond the search window.
+    /// Pairs lead to an offset that is larger than clocks may be apart.
     BeyondLimit {
         /// What was found, in the middle of the recording [s].
         offset_s: f64,
         /// The most that is allowed [s].
         limit_s: f64,
     },
-    /// Its standard deviation is too large.
+    /// The path does not hold it well enough.
     Uncertain {
         /// Standard deviation, infinite for one that is entirely open [s].
         sigma_s: f64,
@@ -156,22 +156,22 @@ pub enum ClockStatus {
 }
 
 impl ClockStatus {
-    /// The status as a sentence; `name` gives the name of camera `k`.
+    /// What became of it, the cameras that it speaks of by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
-            ClockStatus::Reference => "its clock is the reference".to_owned(),
-            ClockStatus::Found { links: 1 } => "found from one pair of cameras, not confirmed by a third".to_owned(),
+            ClockStatus::Reference => "its clock is the room's".to_owned(),
+            ClockStatus::Found { links: 1 } => "found by one pair, which no loop of cameras confirms".to_owned(),
             ClockStatus::Found { links } => format!("found, confirmed by {links} pairs"),
             ClockStatus::TooFewViews { moments, needed } => {
                 format!("saw {moments} moments of a smoothly moving light, expected at least {needed}")
             }
             ClockStatus::LightStill { spread_px } => format!(
-                "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest determines no clock"
+                "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest tells no time"
             ),
-            ClockStatus::Undetermined { other, fault } => format!("with {}: {fault}", name(*other)),
+            ClockStatus::NotTold { other, fault } => format!("with {}: {fault}", name(*other)),
             ClockStatus::Separate { group } => {
                 let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
-                format!("no pair links it to the larger group of cameras; its own group is {}", group.join(", "))
+                format!("no pair ties it to the larger group of cameras; its own is {}", group.join(", "))
             }
             ClockStatus::NoPose { status } => format!("its pose was not found: {}", status.sentence(name)),
             ClockStatus::BeyondLimit { offset_s, limit_s } => format!(
@@ -180,19 +180,19 @@ impl ClockStatus {
                 limit_s * 1e3
             ),
             ClockStatus::Uncertain { sigma_s, limit_s } => format!(
-                "known only to {:.2} ms, expected {:.2} ms: too little motion in the common view",
+                "known to {:.2} ms only, expected {:.2} ms: too little motion across what others see",
                 sigma_s * 1e3,
                 limit_s * 1e3
             ),
         }
     }
 
-    /// Whether a larger search window might find the clock: nothing fits within the offsets that were tried.
+    /// Whether clocks that may be further apart could be found: nothing fits within the offsets that were tried.
     pub fn may_be_further_off(&self) -> bool {
         let at_no_offset = |it: &PairError| matches!(it, PairError::NoOverlap { .. } | PairError::Inconsistent { .. });
         match self {
             ClockStatus::BeyondLimit { .. } => true,
-            ClockStatus::Undetermined { fault, .. } => at_no_offset(fault),
+            ClockStatus::NotTold { fault, .. } => at_no_offset(fault),
             _ => false,
         }
     }
@@ -204,12 +204,12 @@ impl std::fmt::Display for ClockStatus {
     }
 }
 
-/// The result of [`synchronise`]: clocks, common frames, and the cameras with which they were found.
+/// What [`synchronise`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Synchronised {
-    /// By camera: its clock relative to the reference camera's; `None` where it is not determined.
+    /// By camera: its clock against the room's, which is the reference camera's; `None` where it is not determined.
     pub clocks: Vec<Option<ClockFit>>,
-    /// By camera: the status of its clock.
+    /// By camera: what became of its clock.
     pub status: Vec<ClockStatus>,
     /// The camera whose clock is the room's.
     pub reference: usize,
@@ -219,30 +219,30 @@ pub struct Synchronised {
     pub frames: Frames,
     /// By camera: pose and optics with which the clocks were found; as given where no pose was.
     pub cameras: Vec<Camera>,
-    /// Root mean square length of the residuals from which clocks were found [px].
+    /// Root of the mean squared length of the residuals that clocks were found from [px].
     pub rms_px: f64,
-    /// Largest change of a clock in the last round [s].
+    /// What the last round still moved a clock by [s].
     pub last_move_s: f64,
 }
 
-/// Why no clocks were found.
+/// Why there is no answer at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ClockError {
     /// One camera, or none.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
-        /// Their number.
+        /// How many.
         count: usize,
     },
-    /// A camera with a parameter that is not finite.
+    /// A camera with a number that is none.
     #[error("camera {camera}: {fault}")]
     BadCamera {
-        /// Index of the camera.
+        /// Which.
         camera: usize,
         /// What is wrong.
         fault: CameraError,
     },
-    /// A picture of an unknown camera, or at a time that is not finite.
+    /// A picture by nobody, or at no time.
     #[error(
         "picture {camera_frame} is of camera {camera} at {time_s} s, expected a camera below {cameras} and a finite time"
     )]
@@ -256,12 +256,12 @@ pub enum ClockError {
         /// How many cameras there are.
         cameras: usize,
     },
-    /// An option outside its range.
-    #[error("{option} is {found}, expected {expected}")]
-    BadOption {
-        /// Name of the option.
-        option: &'static str,
-        /// The value that was found.
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected {expected}")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
         found: f64,
         /// What it may be.
         expected: &'static str,
@@ -272,22 +272,22 @@ pub enum ClockError {
         /// By camera.
         status: Vec<ClockStatus>,
     },
-    /// Clocks were found, but no two cameras could be calibrated with them.
+    /// Clocks were compared, but no room was found with them.
     #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
     NoRoom {
         /// By camera.
         status: Vec<CameraStatus>,
     },
-    /// The joint adjustment of clocks and cameras failed.
+    /// The room was lost while its clocks were adjusted.
     #[error("the adjustment of clocks failed: {fault}")]
     NotAdjusted {
-        /// The fault.
+        /// Why.
         fault: String,
     },
 }
 
 impl ClockError {
-    /// The error as a message; `name` gives the name of camera `k`, and `further` adds advice to the status of a clock.
+    /// Why, the cameras that it speaks of by `name`; `further` is added to what is said of a clock.
     pub fn sentence(&self, name: impl Fn(usize) -> String, further: impl Fn(&ClockStatus) -> String) -> String {
         let list = |each: Vec<String>| each.iter().map(|it| format!("\n  {it}")).collect::<String>();
         match self {
@@ -312,10 +312,10 @@ impl ClockError {
     }
 }
 
-/// Finds the clocks of the cameras of a `recording` of one light, whose image is the brightest spot of each picture.
+/// Finds the clocks of the cameras of a `recording` of one light; the brightest spot of each picture is taken for it.
 ///
 /// # Errors
-/// See [`ClockError`]. Where only some clocks are undetermined, [`Synchronised::status`] gives the reason of each.
+/// See [`ClockError`]; clocks that are not determined beside others that are stand in the status.
 pub fn synchronise(recording: &Recording, options: &ClockOptions) -> Result<Synchronised, ClockError> {
     check(recording, options)?;
     let n = recording.cameras.len();
@@ -357,8 +357,7 @@ pub fn synchronise(recording: &Recording, options: &ClockOptions) -> Result<Sync
     // What a camera that no pair reaches is told: the fault that came furthest.
     let closest = |camera: usize| {
         let own = faults.iter().filter(|it| it.0 == camera || it.1 == camera);
-        own.max_by_key(|it| depth(&it.2))
-            .map(|&(a, b, fault)| ClockStatus::Undetermined { other: a + b - camera, fault })
+        own.max_by_key(|it| depth(&it.2)).map(|&(a, b, fault)| ClockStatus::NotTold { other: a + b - camera, fault })
     };
     let unreached = |camera: usize, group: Vec<usize>| {
         if group.len() > 1 {
@@ -459,7 +458,7 @@ fn check(recording: &Recording, options: &ClockOptions) -> Result<(), ClockError
             return Err(ClockError::BadFrame { camera_frame: index, camera, time_s, cameras });
         }
     }
-    for (option, found) in [
+    for (rule, found) in [
         ("max_offset_s", options.max_offset_s),
         ("max_gap_s", options.max_gap_s),
         ("sigma_px", options.sigma_px),
@@ -469,22 +468,22 @@ fn check(recording: &Recording, options: &ClockOptions) -> Result<(), ClockError
         ("settled_s", options.settled_s),
     ] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(ClockError::BadOption { option, found, expected: "a finite number above 0" });
+            return Err(ClockError::BadRule { rule, found, expected: "a finite number above 0" });
         }
     }
     if !(0.0..=0.05).contains(&options.max_drift) {
-        return Err(ClockError::BadOption { option: "max_drift", found: options.max_drift, expected: "0 to 0.05" });
+        return Err(ClockError::BadRule { rule: "max_drift", found: options.max_drift, expected: "0 to 0.05" });
     }
     if !(options.min_distinction >= 1.0 && options.min_distinction.is_finite()) {
-        return Err(ClockError::BadOption {
-            option: "min_distinction",
+        return Err(ClockError::BadRule {
+            rule: "min_distinction",
             found: options.min_distinction,
             expected: "at least 1",
         });
     }
     if let Some(camera) = options.reference.filter(|it| *it >= cameras) {
-        return Err(ClockError::BadOption {
-            option: "reference",
+        return Err(ClockError::BadRule {
+            rule: "reference",
             found: camera as f64,
             expected: "the number of a camera",
         });

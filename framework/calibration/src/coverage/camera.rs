@@ -1,4 +1,4 @@
-//! Coverage of one camera.
+//! What one camera saw of the light.
 
 use foveate_geometry::{Camera, Ray};
 use nalgebra::{Matrix2, Point2, Vector2};

@@ -1,4 +1,4 @@
-//! Observations by light and by moment.
+//! What was seen, light by light and moment by moment.
 
 use foveate_geometry::LightObservation;
 use nalgebra::Point2;

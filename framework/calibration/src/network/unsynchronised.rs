@@ -1,4 +1,4 @@
-//! Calibration of unsynchronised cameras from nothing.
+//! From nothing, by cameras that share no clock.
 
 use foveate_geometry::CameraStatus;
 use foveate_geometry::bundle::Freedom;
@@ -6,26 +6,26 @@ use foveate_geometry::bundle::Freedom;
 use super::moments::of_frames;
 use super::settle::Room;
 use super::{NetworkError, NetworkOptions, SolvedNetwork, cleaning, culprits, require_company, take_over};
-use crate::cause::{CameraFault, Cause};
+use crate::cause::{Cause, Culprit};
 use crate::clocks::{ClockError, ClockOptions, ClockStatus, FrameOptions, Synchronised, frames, synchronise};
 use crate::recording::Recording;
 use crate::solved::Step;
 
-/// A calibrated network of unsynchronised cameras, and their clocks.
+/// A room and the clocks of its cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SynchronisedNetwork {
     /// Its cameras carry their clocks.
     pub network: SolvedNetwork,
-    /// By camera: the status of its clock.
+    /// By camera: what became of its clock.
     pub clocks: Vec<ClockStatus>,
     /// The camera whose clock is the room's.
     pub reference: usize,
 }
 
-/// Why unsynchronised cameras could not be calibrated.
+/// Why there is none.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NotSynchronised {
-    /// The network cannot be calibrated, whatever the clocks.
+    /// The room cannot be solved, whatever the clocks.
     #[error(transparent)]
     Room(#[from] NetworkError),
     /// The clocks cannot be found.
@@ -70,8 +70,8 @@ pub fn unsynchronised_from_nothing(
     let Some(found) = found else { unreachable!("a room that stands stays one") };
     take_over(&mut status, &found);
     let (mut solved, sigma_px) = found.network.into_solved(&recording, &status, Vec::new());
-    solved.camera_faults = found.culprits;
-    solved.camera_faults.extend(mirrored);
+    solved.culprits = found.culprits;
+    solved.culprits.extend(mirrored);
     for (camera, clock) in solved.cameras.iter_mut().zip(clocks) {
         camera.clock = clock;
     }
@@ -88,7 +88,7 @@ pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
     match of_clock {
         ClockStatus::Reference | ClockStatus::Found { .. } => CameraStatus::Calibrated,
         ClockStatus::NoPose { status } => status.clone(),
-        ClockStatus::Undetermined { other, .. } => CameraStatus::ClockOpen { best: Some(*other) },
+        ClockStatus::NotTold { other, .. } => CameraStatus::ClockOpen { best: Some(*other) },
         ClockStatus::Separate { group } => CameraStatus::Separate { group: group.clone() },
         ClockStatus::TooFewViews { moments, needed } => {
             CameraStatus::TooFewObservations { frames: *moments, needed: *needed }
@@ -100,7 +100,7 @@ pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
 }
 
 /// Of the cameras that fit nowhere those whose clock is found once their picture is turned left to right.
-fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptions) -> Vec<CameraFault> {
+fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptions) -> Vec<Culprit> {
     let fits_nowhere = |it: &usize| {
         matches!(
             status[*it],
@@ -118,5 +118,5 @@ fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptio
     };
     let candidates = (0..status.len()).filter(fits_nowhere).take(TURNED);
     let found: Vec<usize> = candidates.filter(is_found).collect();
-    found.into_iter().map(|camera| CameraFault { camera, cause: Cause::Mirrored, shares: [0.0, 1.0] }).collect()
+    found.into_iter().map(|camera| Culprit { camera, cause: Cause::Mirrored, shares: [0.0, 1.0] }).collect()
 }

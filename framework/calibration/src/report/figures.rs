@@ -1,4 +1,4 @@
-//! Figures of each camera for the page, computed once.
+//! What the page states of each camera, gathered once.
 
 use nalgebra::{Point2, Vector2};
 

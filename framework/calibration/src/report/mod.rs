@@ -1,7 +1,7 @@
-//! One HTML page with pictures of a solved camera network: no other file, no internet access, light and dark, readable in print.
+//! One HTML page with pictures of a solved room: no other file, no network, light and dark, readable in print.
 //!
-//! [`html`] draws only what a [`Solved`] contains; the same input gives the same bytes. Plots are SVG; the room is drawn
-//! once as SVG, for print and where scripts are off, and again on a canvas that can be rotated. What is too much to draw is
+//! [`html`] draws what a [`Solved`] says and nothing more; the same input gives the same bytes. Plots are SVG; the room is drawn
+//! once as SVG, for print and where scripts are off, and again on a canvas that can be turned. What is too much to draw is
 //! thinned evenly, and the page says so.
 
 mod coverage;
@@ -19,29 +19,29 @@ use foveate_scene::Provenance;
 use crate::convergence::Convergence;
 use crate::solved::Solved;
 
-/// The contents of the page.
+/// What goes on the page.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportInput<'a> {
-    /// Heading of the page.
+    /// Over the page.
     pub title: &'a str,
-    /// The verdict of the checks; `None` without checks.
+    /// What the checks say; `None` when there were none.
     pub verdict: Option<Verdict<'a>>,
     /// The room.
     pub solved: &'a Solved,
     /// Unit of its lengths: `m`, or another word when its scale is not known.
     pub unit: &'a str,
-    /// Convergence from a poor start, the paper's scheme beside bundle adjustment.
+    /// From a poor start, the paper's scheme beside ours.
     pub convergence: Option<&'a Convergence>,
     /// How the calibration was made.
     pub provenance: Option<&'a Provenance>,
-    /// Sentences about what was rejected beyond single observations, and why.
+    /// What was rejected beyond single observations, and why, in sentences.
     pub rejected: &'a [String],
 }
 
-/// The verdict of the checks, for the page.
+/// What the checks say.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verdict<'a> {
-    /// The grade.
+    /// In a word.
     pub grade: Grade,
     /// Why, and what to do.
     pub sentences: &'a [String],
@@ -49,18 +49,18 @@ pub struct Verdict<'a> {
     pub more: usize,
 }
 
-/// Whether a calibration can be used.
+/// Whether to work with a calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grade {
-    /// Usable without reservations.
+    /// Nothing speaks against it.
     Good,
-    /// Usable with the reservations that the sentences state.
+    /// It will do, with what the sentences say in mind.
     Usable,
-    /// Not usable: capture again, as the sentences say.
+    /// Capture again, as the sentences say.
     Redo,
 }
 
-/// Renders the page.
+/// The page.
 pub fn html(report: &ReportInput<'_>) -> String {
     let figures = figures::Figures::of(report.solved);
     let mut page = page::Page::new(report.title);

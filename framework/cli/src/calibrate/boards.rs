@@ -1,4 +1,4 @@
-//! Calibration from a board: the arguments, the solution, and remarks about it.
+//! Rooms calibrated from a board: which board, its solution as a room's, and what is told of it.
 
 use std::collections::BTreeMap;
 
@@ -18,26 +18,26 @@ use super::figures::errors;
 /// The median length of a normal error in two coordinates, in standard deviations of either.
 const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
-/// Command-line arguments about the board.
+/// What a person says of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Default, clap::Args)]
 #[command(next_help_heading = "Board")]
-pub struct BoardArgs {
-    /// The features are the inner corners of a chessboard with this many in a row and in a column; not needed for a rig with `board.detector`
+pub struct BoardWishes {
+    /// The features are the inner corners of a chessboard, so many in a row and in a column; a rig with `board.detector` says it itself
     #[arg(long, value_name = "8x6", value_parser = two_counts, conflicts_with = "wand_mm")]
     pub chessboard: Option<[u32; 2]>,
-    /// The features are the inner corners of a ChArUco board with this many squares, numbered along its rows
+    /// The features are the inner corners of a ChArUco board of so many squares, numbered along its rows
     #[arg(long, value_name = "4x5", value_parser = two_counts, conflicts_with_all = ["chessboard", "wand_mm"])]
     pub charuco: Option<[u32; 2]>,
     /// Side of the board's squares
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub square_mm: Option<f64>,
-    /// A time at which the board lay on the floor, face up: its corner 0 becomes the origin, and Z points up
+    /// When the board lay on the floor, face up: its corner 0 is the origin then, and Z is up
     #[arg(long, value_name = "SECONDS", value_parser = time)]
     pub board_floor: Option<f64>,
 }
 
-impl BoardArgs {
-    /// The arguments as written on the command line.
+impl BoardWishes {
+    /// As it is written on the command line.
     pub fn options(&self) -> Vec<String> {
         let counts = |name: &str, it: Option<[u32; 2]>| it.map(|[a, b]| format!("--{name} {a}x{b}"));
         let square = self.square_mm.map(|it| format!("--square-mm {it}"));
@@ -61,25 +61,25 @@ fn time(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("found {text}, expected a time of the session [s]"))
 }
 
-/// The requested board, else that of the detector; `None` for a calibration with lights.
+/// The board that was asked for, else that of the detector; `None` where lights are calibrated with.
 ///
 /// # Errors
 /// A sentence for the person.
-pub fn board(args: &BoardArgs, detector: Option<&BoardSettings>) -> Result<Option<Board>, String> {
-    let square_m = args.square_mm.or(detector.map(|it| it.square_mm)).map(|it| it / 1e3);
+pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<Option<Board>, String> {
+    let square_m = wishes.square_mm.or(detector.map(|it| it.square_mm)).map(|it| it / 1e3);
     let needed = |square_m: Option<f64>| {
         square_m
             .ok_or_else(|| "error: a board without a size, expected `--square-mm` with the side of a square".to_owned())
     };
-    let made = match (args, detector) {
-        (BoardArgs { chessboard: Some([columns, rows]), .. }, _) => {
+    let made = match (wishes, detector) {
+        (BoardWishes { chessboard: Some([columns, rows]), .. }, _) => {
             Board::chessboard(*columns, *rows, needed(square_m)?)
         }
-        (BoardArgs { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
+        (BoardWishes { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
         (_, Some(it)) => Board::chessboard(it.columns, it.rows, needed(square_m)?),
-        (BoardArgs { square_mm: None, board_floor: None, .. }, None) => return Ok(None),
+        (BoardWishes { square_mm: None, board_floor: None, .. }, None) => return Ok(None),
         (_, None) => {
-            let flag = if args.square_mm.is_some() { "--square-mm" } else { "--board-floor" };
+            let flag = if wishes.square_mm.is_some() { "--square-mm" } else { "--board-floor" };
             return Err(format!(
                 "error: `{flag}` and no board, expected `--chessboard` or `--charuco` with it, or a rig with `{}`",
                 Detector::TYPE
@@ -89,19 +89,19 @@ pub fn board(args: &BoardArgs, detector: Option<&BoardSettings>) -> Result<Optio
     made.map(Some).map_err(|fault| format!("error: {fault}"))
 }
 
-/// A camera network calibrated from a board.
+/// A room that was solved from a board.
 pub struct FromBoard {
     /// Cameras, marks and observations.
     pub network: SolvedNetwork,
-    /// Remarks, a sentence each.
+    /// What is to be told beside, a sentence each.
     pub notes: Vec<String>,
-    /// Why it cannot be relied upon, where another solution explains the observations equally well.
+    /// Why it cannot be relied upon, where another room explains what was seen as well.
     pub open: Option<String>,
 }
 
-/// Calibrates the cameras from `board`.
+/// The room as `board` shows it.
 ///
-/// The world is the board's on the floor, if a time is given at which it lay there; else that of the older calibration, if its poses count; else
+/// The world is the board's on the floor, if it is said when it lay there; else that of the older calibration, if its poses count; else
 /// that of the board in one frame.
 ///
 /// # Errors
@@ -119,10 +119,10 @@ pub fn solve(
     let mut open = None;
     if let Some(most) = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)) {
         let sentence = format!(
-            "The board was seen only at one angle, within {:.0} degrees, which does not determine focal lengths and thus distances. Tilt it by 20 to 45 degrees in different directions.",
+            "The board was seen at one angle only, within {:.0} degrees: focal lengths, and with them all distances, are not held. Tilt it in different ways, by 20 to 45 degrees.",
             most.to_degrees()
         );
-        // Focal lengths that stay as given are not affected.
+        // Those that stay as they were given hold by that.
         let is_found = solved.cameras.iter().any(|it| it.freed.focal);
         if is_found { open = Some(sentence) } else { notes.push(sentence) }
     }
@@ -137,7 +137,7 @@ pub fn solve(
         notes.extend(by_reason.into_iter().map(one));
         if fit.contradicted {
             notes.push(format!(
-                "optics of {} are those from its own views, which the views of all cameras contradict: are the cameras synchronised?",
+                "optics of {} are as its own views tell; all views together contradict them: do the cameras share a clock?",
                 camera.name
             ));
         }
@@ -145,17 +145,19 @@ pub fn solve(
     if !ambiguous.is_empty() {
         let names: Vec<&str> = ambiguous.iter().map(|it| solved.cameras[*it].name.as_str()).collect();
         open = Some(format!(
-            "The poses of {} are ambiguous, because the board looks the same rotated by 180 degrees, or mirrored from afar: give \
-             rough poses in the calibration, or rotate the board in view of them and another camera.",
+            "What was seen of the board leaves open on which side of it {} stand, for it looks alike turned by half, or mirrored from afar: give \
+             rough poses in the calibration, or turn the board before them and another camera.",
             names.join(", ")
         ));
     }
     if unusable_spots > 0 {
-        notes.push(format!("{unusable_spots} corners whose number is missing, not on the board, or repeated"));
+        notes.push(format!(
+            "{unusable_spots} corners without a number that is on the board, or with one that is there twice"
+        ));
     }
     notes.extend(stretch.map(|it| it.to_string()));
     if misfit_views > 0 {
-        notes.push(format!("{misfit_views} pictures whose corners do not fit the board"));
+        notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
     }
     if let Some(said) = solver_options.floor_time_s.filter(|_| solved.fixed.gravity.is_none()) {
         let times = || boards.iter().map(|it| it.time_s);
@@ -174,7 +176,7 @@ pub fn solve(
     Ok(FromBoard { network: SolvedNetwork { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes, open })
 }
 
-/// The network aligned with the older calibration by its cameras; unchanged where they are fewer than three or on a line.
+/// The room where the older calibration has it, as nearly as its cameras tell; as it is where they are fewer than three or in a row.
 fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -> Solved {
     let known = || (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated);
     let found: Vec<_> = known().map(|it| solved.cameras[it].camera.centre()).collect();
@@ -188,7 +190,7 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
     }
 }
 
-/// Turns a message about a waved light into one about a board.
+/// What is said of a waved light, of a board.
 pub fn of_board(text: &str) -> String {
     const WORDS: [(&str, &str); 15] = [
         (
@@ -200,9 +202,12 @@ pub fn of_board(text: &str) -> String {
         ("a smoothly moving light", "a smoothly moving board"),
         ("a moving light", "a moving board"),
         ("a light at rest", "a board at rest"),
-        ("give --floor-stops, --falling, --plumb or --upright", "give --board-floor"),
-        ("give --floor-stops or --l-frame", "give --board-floor"),
-        (": too little depth, or a flat path", ": tilt the board in different directions"),
+        ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
+        ("say --floor-stops or --l-frame", "say --board-floor"),
+        (
+            "nothing tells its focal length: too little depth, or a flat path",
+            "its views of the board do not tell its focal length",
+        ),
         (": wave it ", ": hold it "),
         (": wave longer", ": hold it longer"),
         (": wave ", ": hold the board "),

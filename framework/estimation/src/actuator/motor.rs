@@ -1,16 +1,16 @@
-//! Model of one motor with limited speed and acceleration.
+//! One motor with limited speed and acceleration that is told where to go.
 
-/// A command to a motor.
+/// What a motor is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// Go to a goal, at most at this speed, and stop there.
+    /// Go there, at most at this speed, and stop.
     Go {
-        /// Angle to go to [rad].
+        /// Where [rad].
         goal: f64,
-        /// Highest speed on the way, above 0 [rad/s].
+        /// Above 0 [rad/s].
         speed: f64,
     },
-    /// Turn at this rate until the next command [rad/s].
+    /// Turn at this rate until told otherwise [rad/s].
     Turn(f64),
 }
 

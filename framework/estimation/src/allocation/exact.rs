@@ -1,19 +1,18 @@
-//! The optimal allocation, by dynamic programming over sets of heads.
+//! The optimum, by dynamic programming over sets of heads.
 //!
-//! Let `best[t][A]` be the highest value of the first *t* targets when they share the heads in *A*:
-//! `best[t][A]` = max over *S* ⊆ *A* of net(*t*, *S*) + `best[t−1][A \ S]`. There are 3ⁿ pairs *S* ⊆ *A*; sets that
-//! are worth no more than one of their subsets, or are larger than allowed, are skipped. The last target needs *A* =
-//! all heads only.
+//! With `best[t][A]` the most that the first *t* targets are worth if they share the heads in *A*:
+//! `best[t][A]` = max over *S* ⊆ *A* of net(*t*, *S*) + `best[t−1][A \ S]`. All pairs *S* ⊆ *A* are 3ⁿ; fewer, since a set that is worth no more than
+//! one of its own parts is never looked at, nor one that is larger than allowed. The last target needs *A* = all heads only.
 
 use super::{Allocation, Problem};
 
-/// The allocation with the highest total. Ties: heads that gain nothing stay free; among equal allocations the choice
-/// depends only on the order of heads and targets.
+/// The best allocation there is. Equal ones: heads that gain nothing stay free, and which of the others it is depends on the order
+/// of heads and targets alone.
 ///
-/// Time grows with 3ⁿ and memory with 2ⁿ in the number of heads that can look at a target at all.
+/// Time and memory grow with 3ⁿ and 2ⁿ in the number of heads that can look at a target at all.
 ///
 /// # Panics
-/// With more than 20 such heads.
+/// For more than 20 of these.
 pub fn optimal(problem: &Problem) -> Allocation {
     let heads = useful(problem);
     assert!(heads.len() <= 20, "{} heads: the optimum would take too long, expected at most 20", heads.len());

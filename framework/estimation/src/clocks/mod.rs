@@ -1,28 +1,28 @@
-//! Clock offsets and drifts of unsynchronised cameras, estimated while targets are tracked.
+//! Clock offsets and drifts of cameras that nobody synchronised, estimated while targets are tracked.
 //!
 //! A camera stamps what it sees at time t with s = t + δ: a clock that is ahead has a positive offset δ. Where a target moves
-//! in the image by u = J v [px/s], the pixel seen at t = s − δ lies −u δ from where the target is at the stamp. A filter that uses
-//! the stamp, minus the known part of the offset (δ₀, zero without correction), as the time therefore finds the innovation
+//! in the image by u = J v [px/s], the pixel seen at t = s − δ lies −u δ from where the target is at the stamp. A filter that takes
+//! the stamp, less what is known of the offset (δ₀, zero if nothing is corrected), for the time therefore finds the innovation
 //!
 //! ν = −u (δ − δ₀ − τ) + noise of covariance S,
 //!
 //! with τ the delay of the track itself, which follows all cameras. Each camera has a Kalman filter of two numbers, δ and
 //! its drift d = dδ/dt; along u, one innovation measures δ − τ as δ₀ − uᵀS⁻¹ν / (uᵀS⁻¹u) with the variance 1 / (uᵀS⁻¹u).
-//! Targets at rest give no information, fast ones much.
+//! Targets at rest say nothing, fast ones much.
 //!
-//! **Gauge.** A delay common to all cameras is unobservable. The mean offset of the cameras, each weighted by how much
-//! its prior variance has shrunk, is zero; or that of a named camera is.
+//! **Gauge.** A delay common to all cameras cannot be seen. The mean offset of the cameras, each weighted by how much of its
+//! prior variance is gone, is zero; or that of a named camera is.
 //!
-//! **Correct while tracking.** As long as offsets are not corrected (open loop), τ differs from camera to camera: it
-//! depends on the cameras that came last, and its share of the error does not average out. Corrected stamps (closed
-//! loop) agree, τ settles, and the estimates converge to the true values. In both cases the caller states what it
-//! subtracted, and the same numbers are estimated. The tracker should do two things, the first of which matters most:
-//! add u uᵀ times [`ClockEstimate::mean_squared_error`] to the covariance of a pixel (an uncertain time is an
-//! uncertain place along the motion), in its update and in `innovation_covariance`; and take frames in the order of
-//! their (corrected) times, or compare a late frame with where the target was then.
+//! **Correct while tracking.** As long as offsets are not corrected (open loop), τ is another one before each camera: it is
+//! pulled by those that came last, and its share of the error does not average out. Corrected stamps (closed loop) agree, τ
+//! settles, and the estimates become exact. In both cases the caller says what it subtracted, and the same numbers are
+//! estimated. Two habits of the tracker matter, the first very much: it adds u uᵀ times
+//! [`ClockEstimate::mean_squared_error`] to the covariance of a pixel (an uncertain time is an uncertain place along the motion), in its
+//! update and in `innovation_covariance`; and it takes frames in the order of their (corrected) times, or compares a late
+//! one with where the target was then.
 //!
-//! The velocity is an estimate, so u has noise too, which biases an offset towards zero. In a closed loop, where the
-//! remainder is measured again and again, this only costs time.
+//! The velocity is an estimate, so u has noise too, which makes an offset seem smaller than it is. In a closed loop, where
+//! what is left is measured again and again, that costs time only.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -37,23 +37,23 @@ const MISFIT: f64 = 4.0;
 const MISFIT_SQUARED_MAX: f64 = 20.0;
 const FADING: f64 = 1.1;
 
-/// What is known of the clocks in advance.
+/// What is known of the clocks beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockSettings {
-    /// Prior standard deviation of an offset, above 0 [s].
+    /// Offset to be expected, standard deviation, above 0 [s].
     pub offset_sigma_s: f64,
-    /// Prior standard deviation of a drift, 0 or more [s/s].
+    /// Drift to be expected, standard deviation, 0 or more [s/s].
     pub drift_sigma: f64,
-    /// Random walk of an offset in a second beside its drift, standard deviation, 0 or more [s].
+    /// How far an offset wanders in a second beside its drift, standard deviation, 0 or more [s].
     pub offset_walk_s: f64,
-    /// Random walk of a drift in a second, standard deviation, 0 or more [s/s].
+    /// How far a drift wanders in a second, standard deviation, 0 or more [s/s].
     pub drift_walk: f64,
-    /// Factor on the covariance of innovations, 1 or more [–]: innovations of neighbouring instants share the error of
-    /// the track and carry less information than independent ones.
+    /// By how much innovations are less informative than independent ones: those of neighbouring instants share the error of the
+    /// track. Their covariance is multiplied with it; 1 or more [–].
     pub correlation: f64,
-    /// Innovations beyond this many standard deviations get less weight (Huber): a wrong association, a turn [–].
+    /// Innovations beyond this many standard deviations count less (Huber): a wrong association, a turn [–].
     pub robust_sigma: f64,
-    /// The camera whose offset is zero; `None`: the mean offset is.
+    /// The camera whose offset is zero; without, the mean is.
     pub reference: Option<usize>,
 }
 
@@ -71,33 +71,34 @@ impl Default for ClockSettings {
     }
 }
 
-/// One observation of a moving target, as information on the clock of the camera that made it.
+/// What one observation of a moving target says about the clock of the camera that made it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockObservation {
     /// The stamp as the camera gave it [s].
     pub stamp_s: f64,
-    /// What was subtracted from the stamp before the target was predicted to it: the estimate, or 0 without correction [s].
+    /// What was subtracted from the stamp before the target was predicted to it: the estimate, or 0 where stamps are not
+    /// corrected [s].
     pub applied_offset_s: f64,
-    /// Measured minus projected pixel [px].
+    /// Measured minus projected [px].
     pub innovation: Vector2<f64>,
-    /// Covariance of the innovation before the update, including the part of an uncertain time [px²].
+    /// Of the innovation, before the update, with what an uncertain time adds to it [px²].
     pub innovation_covariance: Matrix2<f64>,
     /// Velocity of the target in the image: Jacobian of the pixel by the position, times the velocity [px/s].
     pub image_velocity: Vector2<f64>,
 }
 
-/// Estimated offset and drift of one camera's clock.
+/// What is known of one camera's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockEstimate {
-    /// How far the camera's stamps are ahead, to be subtracted from them [s].
+    /// How far its stamps are ahead; to be subtracted from them [s].
     pub offset_s: f64,
-    /// Standard deviation of the offset [s].
+    /// Standard deviation of it [s].
     pub offset_sigma_s: f64,
-    /// Change of the offset in a second [s/s].
+    /// How much it gains in a second [s/s].
     pub drift: f64,
-    /// Standard deviation of the drift [s/s].
+    /// Standard deviation of it [s/s].
     pub drift_sigma: f64,
-    /// Number of observations taken in.
+    /// Observations taken in.
     pub n_observations: u64,
 }
 
@@ -131,9 +132,9 @@ struct Sums {
     drift: f64,
 }
 
-/// Estimates offset and drift of the clocks of several cameras.
+/// The clocks of several cameras.
 ///
-/// The time for one observation or estimate does not depend on the number of cameras.
+/// An observation and an estimate each take a time that does not depend on the number of cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClockEstimator {
     settings: ClockSettings,
@@ -144,15 +145,15 @@ pub struct ClockEstimator {
 }
 
 impl ClockEstimator {
-    /// An estimator for `n_cameras` clocks without observations.
+    /// Clocks of `n_cameras` cameras, of which nothing was seen yet.
     pub fn new(n_cameras: usize, settings: ClockSettings) -> Self {
         Self { settings, clocks: vec![Clock::default(); n_cameras], sums: Sums::default(), epoch_s: f64::NAN }
     }
 
-    /// Takes in an observation. Returns `false`, and changes nothing, when there is no such camera, a number is not
-    /// finite, or the covariance is not positive definite.
+    /// Takes in an observation. `false`, and nothing changes, when there is no such camera, a number is not finite, or the
+    /// covariance is not positive definite.
     ///
-    /// A stamp before the camera's last one is used as if it were equal to that one.
+    /// A stamp before the camera's last one is used as if it were that one.
     pub fn observe(&mut self, camera: usize, seen: &ClockObservation) -> bool {
         let numbers = [seen.stamp_s, seen.applied_offset_s, seen.innovation.sum(), seen.image_velocity.sum()];
         let Some(factor) = (seen.innovation_covariance * self.settings.correlation).cholesky() else { return false };
@@ -205,9 +206,9 @@ impl ClockEstimator {
         true
     }
 
-    /// Offset and drift of `camera` at its stamp `stamp_s`; `None` when there is no such camera.
+    /// What is known of the clock of `camera` when it stamps `stamp_s`; `None` when there is no such camera.
     ///
-    /// A camera without observations has the offset 0 and the standard deviation of the settings.
+    /// A camera that saw nothing yet has the offset 0 and the standard deviation of the settings.
     pub fn estimate(&self, camera: usize, stamp_s: f64) -> Option<ClockEstimate> {
         let clock = self.clocks.get(camera)?;
         if clock.n_observations == 0 {

@@ -1,4 +1,4 @@
-//! Levenberg–Marquardt for shared parameters and many groups of G parameters each, where no residual depends on two groups: block arrow equations.
+//! Levenberg–Marquardt for shared parameters and many groups of G parameters each, where no residual knows two groups: block arrow equations.
 //!
 //! With U, V and W the blocks of shared parameters, of groups and between them,
 //!
@@ -6,9 +6,8 @@
 //! | Wᵀ V | hᵥ | = − | gᵥ |
 //!
 //! V consists of small blocks, so that the groups are eliminated one by one (Schur complement): (U − W V⁻¹ Wᵀ) hₛ = −(gₛ − W V⁻¹ gᵥ), then
-//! hᵥ = −V⁻¹ (gᵥ + Wᵀ hₛ). Source: B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §6.1. All
-//! diagonals are damped first. A group whose
-//! block is singular does not move and adds no information.
+//! hᵥ = −V⁻¹ (gᵥ + Wᵀ hₛ). Source: B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §6.1. All diagonals are damped before. A group whose
+//! block is singular does not move and tells nothing.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -16,36 +15,36 @@ use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reductio
 use super::information::{Unobservable, invert_information, solve_positive};
 use super::{Loss, SolveError};
 
-/// A least-squares problem over shared parameters and groups of G.
+/// What is to be minimised over shared parameters and groups of G.
 pub trait GroupedProblem<const G: usize> {
-    /// The unknowns, on any manifold.
+    /// The unknowns, on whatever manifold they live.
     type Parameters: Clone;
 
-    /// Number of entries of a step of the shared parameters; may be 0.
+    /// In how many directions the shared parameters can move; may be 0.
     fn dimension(&self) -> usize;
 
-    /// Number of groups; may be 0.
+    /// How many groups there are; may be 0.
     fn n_groups(&self) -> usize;
 
     /// The parameters after a step of the shared ones and of each group.
     fn moved(&self, from: &Self::Parameters, shared: &DVector<f64>, groups: &[SVector<f64, G>]) -> Self::Parameters;
 
-    /// Adds all residuals at `at`, with their derivatives with respect to the step, to `equations`. `None` where they are not defined: a step to there is rejected.
+    /// Adds all residuals at `at`, with their derivatives by the step, to `equations`. `None` where there are none: a step there is taken back.
     fn linearise(&self, at: &Self::Parameters, equations: &mut GroupedEquations<G>) -> Option<()>;
 }
 
-/// Normal equations of one group.
+/// Equations of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupEquations<const G: usize> {
-    /// The group's block of V.
+    /// Its block of V.
     pub information: SMatrix<f64, G, G>,
-    /// The group's part of the gradient.
+    /// Its part of the gradient.
     pub gradient: SVector<f64, G>,
     /// Shared parameters that it knows, and their rows of W.
     between: Vec<(usize, SVector<f64, G>)>,
 }
 
-/// Gauss–Newton normal equations, summed over the residuals.
+/// Gauss–Newton's equations, summed over the residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupedEquations<const G: usize> {
     loss: Loss,
@@ -56,7 +55,7 @@ pub struct GroupedEquations<const G: usize> {
 }
 
 impl<const G: usize> GroupedEquations<G> {
-    /// Empty equations, without residuals.
+    /// Without residuals.
     pub fn new(loss: Loss, dimension: usize, n_groups: usize) -> Self {
         let empty = GroupEquations { information: SMatrix::zeros(), gradient: SVector::zeros(), between: Vec::new() };
         GroupedEquations {
@@ -68,7 +67,7 @@ impl<const G: usize> GroupedEquations<G> {
         }
     }
 
-    /// Removes all residuals.
+    /// Forgets all residuals.
     pub fn clear(&mut self) {
         self.information.fill(0.0);
         self.gradient.fill(0.0);
@@ -79,22 +78,22 @@ impl<const G: usize> GroupedEquations<G> {
         self.cost = 0.0;
     }
 
-    /// The robust loss in use.
+    /// What residuals cost.
     pub fn loss(&self) -> Loss {
         self.loss
     }
 
-    /// The equations of each group.
+    /// By group.
     pub fn groups(&self) -> &[GroupEquations<G>] {
         &self.groups
     }
 
-    /// Adds ½ `cost` without a derivative, for example of a point that its camera cannot see.
+    /// Adds ½ `cost` that has no derivative, such as that of a point that its camera cannot see.
     pub fn add_cost(&mut self, cost: f64) {
         self.cost += 0.5 * cost;
     }
 
-    /// Adds a residual of R numbers, weighted by the loss as one, that depends on the shared parameters `rows` (`None`: held) and on one group.
+    /// Adds a residual of R numbers, judged by the loss as one, that depends on the shared parameters `rows`, of which `None` are held, and on a group.
     pub fn add<const R: usize, const C: usize>(
         &mut self,
         rows: &[Option<usize>; C],
@@ -107,7 +106,7 @@ impl<const G: usize> GroupedEquations<G> {
         self.add_sum(rows, group, &sum);
     }
 
-    /// Adds a sum of residuals that all depend on the same shared parameters and group.
+    /// Adds the sum of residuals that all depend on the same.
     pub fn add_sum<const C: usize>(&mut self, rows: &[Option<usize>; C], group: usize, sum: &BlockSum<C, G>) {
         self.cost += sum.cost;
         let own = &mut self.groups[group];
@@ -129,7 +128,7 @@ impl<const G: usize> GroupedEquations<G> {
         }
     }
 
-    /// Adds a scalar residual that depends on one shared parameter, without loss: prior knowledge.
+    /// Adds a residual of one number that depends on a shared parameter alone, under no loss: what is known of it beforehand.
     pub fn add_known(&mut self, row: usize, residual: f64, slope: f64) {
         self.cost += 0.5 * residual * residual;
         self.gradient[row] += slope * residual;
@@ -165,7 +164,7 @@ impl<const G: usize> GroupedEquations<G> {
         Reduced { information, gradient, inverses }
     }
 
-    /// Information and gradient of the shared parameters with all groups eliminated.
+    /// Information and gradient of the shared parameters when groups follow.
     pub fn eliminated(&self) -> (DMatrix<f64>, DVector<f64>) {
         let Reduced { information, gradient, .. } = self.reduced(None, 0.0);
         (information, gradient)
@@ -184,7 +183,7 @@ pub struct BlockSum<const C: usize, const G: usize> {
 }
 
 impl<const C: usize, const G: usize> BlockSum<C, G> {
-    /// An empty sum.
+    /// Without residuals.
     pub fn zeros() -> Self {
         BlockSum {
             of_shared: SMatrix::zeros(),
@@ -196,7 +195,7 @@ impl<const C: usize, const G: usize> BlockSum<C, G> {
         }
     }
 
-    /// Adds a residual, weighted by the loss as one, with its derivatives; each of its numbers has the information `per_variance`.
+    /// Adds a residual, judged by the loss as one, with its derivatives; each of its numbers has an information of `per_variance`.
     #[inline]
     pub fn add<const R: usize>(
         &mut self,
@@ -223,23 +222,23 @@ struct Reduced<const G: usize> {
     inverses: Vec<SMatrix<f64, G, G>>,
 }
 
-/// The solution of [`solve_grouped`].
+/// What [`solve_grouped`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupedSolution<P, const G: usize> {
-    /// The parameters of least cost.
+    /// Where the cost is least.
     pub parameters: P,
-    /// The normal equations at the solution.
+    /// There.
     pub equations: GroupedEquations<G>,
     /// How the search ended.
     pub outcome: Outcome,
 }
 
 impl<P, const G: usize> GroupedSolution<P, G> {
-    /// Covariance of the shared parameters with the groups unknown, if the standard deviations of the residuals are
-    /// right; and the inverse information of each group by itself.
+    /// Of the step of the shared parameters, groups being unknown too, if residuals are as large as their standard deviations say; and the
+    /// inverse information of each group by itself.
     ///
     /// # Errors
-    /// The shared parameters that are unobservable.
+    /// Shared parameters that are unobservable.
     pub fn covariance(&self) -> Result<(DMatrix<f64>, Vec<SMatrix<f64, G, G>>), Unobservable> {
         let Reduced { information, inverses, .. } = self.equations.reduced(None, 0.0);
         let of = information.nrows();
@@ -300,7 +299,7 @@ impl<P: GroupedProblem<G>, const G: usize> System for Grouped<'_, P, G> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveError::BadStart`] and [`SolveError::BadOption`].
+/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
 pub fn solve_grouped<P: GroupedProblem<G>, const G: usize>(
     problem: &P,
     start: P::Parameters,
@@ -308,7 +307,7 @@ pub fn solve_grouped<P: GroupedProblem<G>, const G: usize>(
     options: &DriverOptions,
 ) -> Result<GroupedSolution<P::Parameters, G>, SolveError> {
     if let Some(found) = loss.bad_scale() {
-        return Err(SolveError::BadOption { option: "scale of the loss", found });
+        return Err(SolveError::BadRule { rule: "the scale of the loss", found });
     }
     let (dimension, n_groups) = (problem.dimension(), problem.n_groups());
     let [here, there] = [(); 2].map(|()| GroupedEquations::new(loss, dimension, n_groups));

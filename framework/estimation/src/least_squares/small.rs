@@ -5,42 +5,42 @@ use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use super::SolveError;
 use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reduction, raise};
 
-/// A least-squares problem over N parameters.
+/// What is to be minimised over N parameters.
 pub trait SmallProblem<const N: usize> {
-    /// The unknowns, on any manifold.
+    /// The unknowns, on whatever manifold they live.
     type Parameters: Clone;
 
     /// The parameters after a step.
     fn moved(&self, from: &Self::Parameters, step: &SVector<f64, N>) -> Self::Parameters;
 
-    /// Adds all residuals at `at` to `equations`, which are 0 before. `None` where they are not defined, such as behind a camera: a step to there is rejected.
+    /// Adds all residuals at `at` to `equations`, which are 0 before. `None` where there are none, such as behind a camera: a step there is taken back.
     fn linearise(&self, at: &Self::Parameters, equations: &mut SmallEquations<N>) -> Option<()>;
 }
 
-/// Gauss–Newton normal equations H h = −g, summed over the residuals.
+/// Gauss–Newton's equations H h = −g, summed over the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmallEquations<const N: usize> {
-    /// Information H = JᵀWJ.
+    /// H = JᵀWJ.
     pub information: SMatrix<f64, N, N>,
-    /// Gradient g = JᵀWr.
+    /// g = JᵀWr.
     pub gradient: SVector<f64, N>,
-    /// Cost ½ Σ ρ.
+    /// ½ Σ ρ.
     pub cost: f64,
 }
 
 impl<const N: usize> SmallEquations<N> {
-    /// Empty equations, without residuals.
+    /// Without residuals.
     pub fn zeros() -> Self {
         SmallEquations { information: SMatrix::zeros(), gradient: SVector::zeros(), cost: 0.0 }
     }
 }
 
-/// The solution of [`solve_small`].
+/// What [`solve_small`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SmallSolution<P, const N: usize> {
-    /// The parameters of least cost.
+    /// Where the cost is least.
     pub parameters: P,
-    /// The normal equations at the solution; the inverse of the information is the covariance if the standard deviations of the residuals are right.
+    /// There; the inverse of the information is the covariance if residuals are as large as their standard deviations say.
     pub equations: SmallEquations<N>,
     /// How the search ended.
     pub outcome: Outcome,
@@ -87,7 +87,7 @@ impl<P: SmallProblem<N>, const N: usize> System for Small<'_, P, N> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveError::BadStart`] and [`SolveError::BadOption`].
+/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
 pub fn solve_small<P: SmallProblem<N>, const N: usize>(
     problem: &P,
     start: P::Parameters,

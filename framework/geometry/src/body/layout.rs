@@ -1,18 +1,18 @@
-//! Layout of a filter's state: its parts, and where their blocks begin.
+//! Which parts a filter has, and where the blocks of its state begin.
 
 use super::parts::{N_PARTS, Part};
 
 /// Numbers that are the sizes of all parts.
 pub(super) const N_SIZES: usize = 3 * N_PARTS;
 
-/// Presence of a part in the model.
+/// How a part takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Presence {
-    /// The part is not in the model.
+    /// It is not in the model.
     Absent,
-    /// The part is rigid with its parent: the lower part of a limb that was never seen bent.
+    /// It goes on as its parent does: the lower part of a limb that was never seen bent.
     Tied,
-    /// The part turns by itself.
+    /// It turns by itself.
     Own,
 }
 
@@ -25,12 +25,12 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// A layout with all parts for which `has`, each turning by itself.
+    /// With all parts for which `has`, each turning by itself.
     pub fn new(has: impl Fn(Part) -> bool) -> Self {
         Self::of(|it| if has(it) { Presence::Own } else { Presence::Absent })
     }
 
-    /// A layout with parts as `presence` says. A part whose parent is absent cannot be tied to it, and is absent.
+    /// With parts as `presence` says. A part whose parent is not there cannot be tied to it, and is absent.
     pub fn of(presence: impl Fn(Part) -> Presence) -> Self {
         let mut layout = Layout { slots: [None; N_PARTS], tied: [false; N_PARTS], n_parts: 0 };
         for part in Part::ALL {
@@ -49,7 +49,7 @@ impl Layout {
         layout
     }
 
-    /// Presence of a part.
+    /// How a part takes part.
     pub fn presence(&self, part: Part) -> Presence {
         match (self.has(part), self.tied[part.index()]) {
             (false, _) => Presence::Absent,
@@ -76,17 +76,17 @@ impl Layout {
         self.slots[part.index()].map(usize::from)
     }
 
-    /// First index of a part's turn; `None` without one.
+    /// Where a part's turn begins.
     pub fn turn(&self, part: Part) -> Option<usize> {
         self.slot(part).map(|it| 3 + 3 * it)
     }
 
-    /// First index of a part's sizes.
+    /// Where its sizes begin.
     pub fn size(&self, part: Part) -> usize {
         3 + 3 * self.n_parts + 3 * part.index()
     }
 
-    /// Number of entries for place, turns and sizes.
+    /// Place, turns and sizes.
     pub fn n_static(&self) -> usize {
         3 + 3 * self.n_parts + N_SIZES
     }
@@ -99,7 +99,7 @@ impl Layout {
         self.slot(part).map(|it| self.n_static() + 3 + 3 * it)
     }
 
-    /// Number of all entries.
+    /// All numbers.
     pub fn n(&self) -> usize {
         self.n_static() + 3 + 3 * self.n_parts
     }

@@ -1,52 +1,50 @@
-//! The ten parts, their tree, and the joints that are reported.
+//! The ten parts, what hangs on what, and the joints that a body has.
 
 use nalgebra::Vector3;
 
-/// Number of parts of a body.
+/// How many parts a body has.
 pub const N_PARTS: usize = 10;
-/// Number of reported joints.
+/// How many joints are told of a body.
 pub const N_JOINTS: usize = 14;
 
-/// Position of the shoulders between the middle of the torso and the neck, d_s of Figure 5 [–]. Shoulders at 0.818,
-/// chin at 0.870 and hips at 0.530 of the stature
+/// Where the shoulders are between the middle of the torso and the neck, d_s of Figure 5 [–]. Shoulders at 0.818, chin at 0.870 and hips at 0.530 of the stature
 /// (D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 2009, figure 4.1): (0.818 − 0.700)/0.170.
 pub const SHOULDER_UP: f64 = 0.694;
-/// Distance of the hips from the middle relative to that of the shoulders, d_H of Figure 5 [–]: hip joints are 0.104
-/// of the stature apart, shoulder joints 0.21 (as above: 0.191 and
-/// 0.259 over the skin; the joints lie inside).
+/// Of the hips from the middle, as a share of that of the shoulders, d_H of Figure 5 [–]: hip joints are 0.104 of the stature apart, shoulder joints 0.21 (as above: 0.191 and
+/// 0.259 over the skin, of which the joints lie inside).
 pub const HIP_OUT: f64 = 0.5;
-/// Position of the wrist on the lower arm with its hand, from the elbow [–]: 0.146 of 0.146 + 0.074 (as above; a half closed hand).
+/// The wrist on the lower arm with its hand, from the elbow [–]: 0.146 of 0.146 + 0.074 (as above; a hand that is half closed).
 pub const WRIST_DOWN: f64 = 0.664;
-/// Position of the ankle on the calf with the height of the foot, from the knee [–]: 0.246 of 0.285 (as above).
+/// The ankle on the calf with the height of the foot, from the knee [–]: 0.246 of 0.285 (as above).
 pub const ANKLE_DOWN: f64 = 0.863;
 
 /// One of ten parts. Its axes: z of the torso to the neck, y to the left, x to the front; z of the head away from the neck; z of a limb towards the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
-    /// Torso with the neck, an elliptic cylinder; 0 in the paper.
+    /// 0 in the paper; an elliptic cylinder, and the neck.
     Torso,
-    /// Head, an ellipsoid; 1 in the paper.
+    /// 1; an ellipsoid.
     Head,
-    /// Left upper arm, a cylinder as all limbs; 2a in the paper.
+    /// 2a; a cylinder, as all that follow.
     LeftUpperArm,
-    /// Right upper arm, 2b in the paper.
+    /// 2b
     RightUpperArm,
-    /// Left thigh, 3a in the paper.
+    /// 3a
     LeftThigh,
-    /// Right thigh, 3b in the paper.
+    /// 3b
     RightThigh,
-    /// Left lower arm with the hand, 4a in the paper.
+    /// 4a; with the hand.
     LeftLowerArm,
-    /// Right lower arm with the hand, 4b in the paper.
+    /// 4b
     RightLowerArm,
-    /// Left calf down to the sole, 5a in the paper.
+    /// 5a; down to the sole.
     LeftCalf,
-    /// Right calf down to the sole, 5b in the paper.
+    /// 5b
     RightCalf,
 }
 
 impl Part {
-    /// All parts, parents before children.
+    /// All, parents before children.
     pub const ALL: [Part; N_PARTS] = [
         Part::Torso,
         Part::Head,
@@ -60,12 +58,12 @@ impl Part {
         Part::RightCalf,
     ];
 
-    /// Index in [`Part::ALL`].
+    /// Its place in [`Part::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// Name in files.
+    /// As it stands in files.
     pub const fn name(self) -> &'static str {
         match self {
             Part::Torso => "torso",
@@ -81,7 +79,7 @@ impl Part {
         }
     }
 
-    /// The parent part; `None` for the torso.
+    /// What it hangs on.
     pub const fn parent(self) -> Option<Part> {
         match self {
             Part::Torso => None,
@@ -95,7 +93,7 @@ impl Part {
         }
     }
 
-    /// The same part on the other side; torso and head map to themselves.
+    /// The same part of the other side; torso and head are their own.
     pub const fn mirrored(self) -> Part {
         match self {
             Part::Torso => Part::Torso,
@@ -116,7 +114,7 @@ impl Part {
         !matches!(self, Part::Torso | Part::Head)
     }
 
-    /// Position of its joint on the parent: J of Figure 5 is this, component by component times the parent's sizes. Zero for the torso.
+    /// Where it hangs on its parent: J of Figure 5 is this, number by number times the parent's sizes. The torso hangs on nothing.
     pub fn hangs_at(self) -> Vector3<f64> {
         match self {
             Part::Torso => Vector3::zeros(),
@@ -129,7 +127,7 @@ impl Part {
         }
     }
 
-    /// Position of the same joint on the part itself, likewise.
+    /// Where its parent hangs on it, in the same way.
     pub fn held_at(self) -> Vector3<f64> {
         match self {
             Part::Torso => Vector3::zeros(),
@@ -139,29 +137,29 @@ impl Part {
     }
 }
 
-/// A limb of two parts.
+/// One of four limbs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Limb {
-    /// Left arm.
+    /// –
     LeftArm,
-    /// Right arm.
+    /// –
     RightArm,
-    /// Left leg.
+    /// –
     LeftLeg,
-    /// Right leg.
+    /// –
     RightLeg,
 }
 
 impl Limb {
-    /// All limbs.
+    /// All.
     pub const ALL: [Limb; 4] = [Limb::LeftArm, Limb::RightArm, Limb::LeftLeg, Limb::RightLeg];
 
-    /// Index in [`Limb::ALL`].
+    /// Its place in [`Limb::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// Name in files.
+    /// As it stands in files.
     pub const fn name(self) -> &'static str {
         match self {
             Limb::LeftArm => "left arm",
@@ -181,7 +179,7 @@ impl Limb {
         }
     }
 
-    /// The same limb on the other side.
+    /// The same of the other side.
     pub const fn mirrored(self) -> Limb {
         match self {
             Limb::LeftArm => Limb::RightArm,
@@ -197,41 +195,41 @@ impl Limb {
     }
 }
 
-/// A reported joint of the body.
+/// A place of the body that is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Joint {
-    /// Centre of the head.
+    /// The middle of the head.
     Head,
-    /// Between head and torso, below the head.
+    /// Where head and torso meet: below the head.
     Neck,
-    /// Left shoulder.
+    /// –
     LeftShoulder,
-    /// Right shoulder.
+    /// –
     RightShoulder,
-    /// Left elbow.
+    /// –
     LeftElbow,
-    /// Right elbow.
+    /// –
     RightElbow,
-    /// Left wrist.
+    /// –
     LeftWrist,
-    /// Right wrist.
+    /// –
     RightWrist,
-    /// Left hip.
+    /// –
     LeftHip,
-    /// Right hip.
+    /// –
     RightHip,
-    /// Left knee.
+    /// –
     LeftKnee,
-    /// Right knee.
+    /// –
     RightKnee,
-    /// Left ankle.
+    /// –
     LeftAnkle,
-    /// Right ankle.
+    /// –
     RightAnkle,
 }
 
 impl Joint {
-    /// All joints.
+    /// All.
     pub const ALL: [Joint; N_JOINTS] = [
         Joint::Head,
         Joint::Neck,
@@ -249,7 +247,7 @@ impl Joint {
         Joint::RightAnkle,
     ];
 
-    /// Name in files.
+    /// As it stands in files.
     pub const fn name(self) -> &'static str {
         match self {
             Joint::Head => "head",
@@ -269,9 +267,7 @@ impl Joint {
         }
     }
 
-    /// The part that carries the joint, and the joint's position there, component by component times that part's
-    /// sizes; for the neck its position on the chain, see [`super::Body::place_of`]. Where two parts meet, it is the
-    /// one nearer to the torso.
+    /// The part that it is told by and its place there, number by number times that part's sizes; of the neck where it is on the chain, see [`super::Body::place_of`]. Where two parts meet the one nearer to the torso tells.
     pub fn place(self) -> (Part, Vector3<f64>) {
         let on = |part: Part| (Part::parent(part).unwrap_or(part), part.hangs_at());
         let down = |part: Part, share: f64| (part, Vector3::new(0.0, 0.0, 1.0 - 2.0 * share));
@@ -293,7 +289,7 @@ impl Joint {
         }
     }
 
-    /// The limb that must be in the model for the joint to be reported; `None`: head and trunk suffice.
+    /// The limb that must be in the model for it to be told; `None`: head and trunk do.
     pub const fn limb(self) -> Option<Limb> {
         match self {
             Joint::LeftElbow | Joint::LeftWrist => Some(Limb::LeftArm),

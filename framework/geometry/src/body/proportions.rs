@@ -1,24 +1,24 @@
-//! Priors of bodies: proportions, how much people differ, and limits of joints.
+//! What is known of a body before it is seen: proportions, how far people differ, and how far joints bend.
 //!
 //! Lengths as shares of the stature by D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 2009, figure 4.1; radii from circumferences there and in
-//! common size tables. Sizes are correlated: tall people have long arms, and both arms are alike. The covariance includes this.
+//! common size tables. Sizes go together: who is tall has long arms, and both arms are alike. The covariance says so.
 
 use nalgebra::{DMatrix, Vector3};
 
 use super::parts::{Joint, N_PARTS, Part};
 
-/// Expected proportions of people and their spread.
+/// How far people differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proportions {
-    /// Expected stature [m].
+    /// Stature that is expected [m].
     pub stature: f64,
-    /// Relative standard deviation of the stature [–].
+    /// Its standard deviation, as a share [–].
     pub stature_spread: f64,
-    /// Relative standard deviation of one length given the rest, both sides together [–].
+    /// Of one length beside the rest, both sides together, as a share [–].
     pub length_spread: f64,
-    /// Relative standard deviation of one radius given the rest [–]: clothes and hulls of few views count here.
+    /// Of one radius beside the rest, as a share [–]: clothes and hulls of few views count here.
     pub radius_spread: f64,
-    /// Relative standard deviation of one side given the other [–].
+    /// Of one side beside the other, as a share [–].
     pub side_spread: f64,
 }
 
@@ -29,7 +29,7 @@ impl Default for Proportions {
     }
 }
 
-/// Half sizes of a part relative to the stature [–].
+/// Half sizes over the stature [–].
 pub fn share(part: Part) -> Vector3<f64> {
     match part {
         Part::Torso => Vector3::new(0.065, 0.105, 0.170),
@@ -44,8 +44,8 @@ pub fn share(part: Part) -> Vector3<f64> {
 /// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
 pub(super) const STANDING_SPREAD: f64 = 0.04;
 
-/// Standard deviation, along an axis, between a person's joint and that of a fitted body of common proportions in a
-/// hull [m]. From simulated people that are not part of the reported figures.
+/// How far a joint lies from where the model has it in a body that fits, one standard deviation along an axis [m]: people's joints beside those of ten parts of common proportions in a hull. Of simulated
+/// people that are not in the figures.
 pub fn joint_sigma(joint: Joint) -> f64 {
     match joint {
         Joint::Head => 0.008,
@@ -56,7 +56,7 @@ pub fn joint_sigma(joint: Joint) -> f64 {
 }
 
 impl Proportions {
-    /// Expected half sizes of all parts [m].
+    /// Expected half sizes [m].
     pub fn sizes(&self) -> [Vector3<f64>; N_PARTS] {
         Part::ALL.map(|it| share(it) * self.stature)
     }
@@ -86,22 +86,22 @@ impl Proportions {
     }
 }
 
-/// Limits of joints, as soft constraints of the filter.
+/// How far a limb's part may lie from the direction of what it hangs on: one row of the filter when it is passed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Tilt of the head from the torso's axis [rad].
+    /// The head from the torso's axis [rad].
     pub head_tilt: f64,
-    /// Upper arm backwards from the plane of shoulders and hips [rad].
+    /// An upper arm backwards from the plane of shoulders and hips [rad].
     pub arm_back: f64,
-    /// Thigh backwards from that plane [rad].
+    /// A thigh backwards from it [rad].
     pub thigh_back: f64,
-    /// Thigh to the other side, from the median plane [rad].
+    /// A thigh to the other side, from the plane through the middle of the body [rad].
     pub thigh_across: f64,
-    /// Bend of elbow and knee [rad].
+    /// Elbow and knee [rad].
     pub bend: f64,
-    /// Bend of a knee the wrong way [rad].
+    /// A knee the wrong way [rad].
     pub knee_forward: f64,
-    /// Softness of all limits [rad].
+    /// Softness of all of these [rad].
     pub sigma: f64,
 }
 

@@ -1,27 +1,24 @@
-//! Fits a metaball body to observations of several kinds: angles, lengths and radii by least squares (9)–(15).
+//! Angles, lengths and radii of a body from observations of several kinds, by least squares (9)–(15).
 //!
 //! Observations of a kind have standard deviations in metres, which makes kinds commensurate (12). Two forms of the equation of a point on the surface:
 //!
 //! | [`ResidualKind`] | residual | |
 //! |---|---|---|
 //! | `Field` | F − w_t, over what F changes in one σ at the surface | the paper's (15) |
-//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts converge: stages 2 and 3 always use it |
+//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in: stages 2 and 3 use it always |
 //!
 //! The search has four stages, each from the end of the one before; from a near start ([`BodyFitOptions::rough`]) only the last:
 //!
-//! 1. a rough posture from clicked joints and points known to lie on a segment (§3.3);
-//! 2. the posture from all points with the shape held, each point assigned to the nearest bone;
-//! 3. lengths, and the thickness of each limb, together with it;
-//! 4. all angles, lengths and radii together, or in turn as the paper does (§4.2), each point assigned to the limb in whose field it lies deepest.
+//! 1. joints that were clicked and points that are known on a segment say roughly how the body stands (§3.3);
+//! 2. the posture from all points with the shape held, each point being one of the nearest bone;
+//! 3. lengths, and how thick each limb is, along with it;
+//! 4. all: angles, lengths and radii together, or in turn as the paper prefers (§4.2), each point being one of the limb in whose field it lies deepest.
 //!
-//! Stages run in rounds. A round assigns each point to a segment (in the last stage only until it nearly converged),
-//! finds where each silhouette ray comes closest to the surface, |∇√D|, and the spread of the residuals; then
-//! Levenberg–Marquardt runs with these held. Residuals that spread wider than their standard deviations are divided by
-//! the spread: from a rough start all points are far off, and none is an outlier.
+//! Stages go in rounds. A round decides which segment each point belongs to (in the last stage only until it is near its end), where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
+//! Marquardt search with those held. Residuals that spread wider than their standard deviations are divided by the spread: from a rough start all points are far off, and none is wrong.
 //!
-//! No real body is made of metaballs. The model error is common to neighbouring points
-//! ([`BodyFitOptions::model_sigma_m`]): within a cell of [`BodyFitOptions::independent_m`] all points together count
-//! as one, so that the density of a cloud does not matter and covariances stay realistic.
+//! No body is made of metaballs. What the model cannot show is an error that neighbouring points have in common ([`BodyFitOptions::model_sigma_m`]): within a cell of
+//! [`BodyFitOptions::independent_m`] points count together as one, so that neither the density of a cloud decides nor covariances promise too much.
 
 mod judge;
 mod round;
@@ -42,156 +39,155 @@ const COARSE_ROUNDS: u32 = 8;
 /// Fewer observations say nothing.
 const LEAST_OBSERVATIONS: usize = 3;
 
-/// An observation of a body.
+/// What was seen of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BodyObservation {
-    /// A point on the surface.
+    /// A point of the surface.
     Point {
-        /// Position in the world [m].
+        /// Where, in the world [m].
         at: Point3<f64>,
         /// Standard deviation across the surface [m].
         sigma_m: f64,
-        /// Index of the segment that it belongs to; `None`: to be estimated.
+        /// The segment that it is known to belong to; `None`: found out.
         segment: Option<usize>,
     },
-    /// A point fixed to a segment: a tracked point of the skin, a mark, or a joint (`place` 0) that was clicked or comes from another body.
+    /// A point that is fixed to a segment: a tracked point of the skin, a mark, a joint (`place` 0) that was clicked or comes from another body.
     Anchored {
-        /// Index of the segment.
+        /// Which segment.
         segment: usize,
-        /// Position in the segment's space, where that has the template's length [m].
+        /// Where in the segment's space, where that has the template's length [m].
         place: Vector3<f64>,
-        /// Measured position in the world [m].
+        /// Where it was seen in the world [m].
         at: Point3<f64>,
         /// Standard deviation of each axis [m].
         sigma_m: f64,
     },
-    /// A line of sight tangent to the surface: a pixel of a silhouette's border.
+    /// A line of sight that touches the surface: a pixel of a silhouette's border.
     Ray {
         /// The camera's centre [m].
         origin: Point3<f64>,
-        /// Direction into the scene.
+        /// Into the scene.
         direction: Unit<Vector3<f64>>,
         /// Standard deviation across the ray, at the body [m].
         sigma_m: f64,
     },
 }
 
-/// Form of the residual of a surface point.
+/// What form the equation of a point has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ResidualKind {
-    /// Value of the field, the paper's (15).
+    /// The value of the field, the paper's (15).
     #[default]
     Field,
-    /// Distance from the surface to first order.
+    /// Distance from the surface, to first order.
     Distance,
 }
 
-/// Freedom of the root.
+/// How the root may move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum RootFreedom {
-    /// The root rotates and shifts.
+pub enum FreedomOfRoot {
+    /// It turns and shifts.
     #[default]
     Free,
-    /// The root shifts only: for a single arm, which is rotated by the angles of its shoulder.
+    /// It shifts: for an arm by itself, whose shoulder's angles turn it.
     Shifts,
-    /// The root is held.
+    /// It stays.
     Held,
 }
 
-/// Which parameters are estimated.
+/// What is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Free {
-    /// Pose of the root.
-    pub root: RootFreedom,
-    /// Joint angles.
+    /// Where the body is.
+    pub root: FreedomOfRoot,
+    /// How it is bent.
     pub angles: bool,
-    /// Lengths of segments.
+    /// How long its segments are.
     pub scales: bool,
-    /// Radii of balls.
+    /// How thick they are.
     pub radii: bool,
 }
 
 impl Free {
     /// Posture and shape.
-    pub const ALL: Free = Free { root: RootFreedom::Free, angles: true, scales: true, radii: true };
+    pub const ALL: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: true, radii: true };
     /// Posture alone: a body whose shape is known.
-    pub const POSTURE: Free = Free { root: RootFreedom::Free, angles: true, scales: false, radii: false };
+    pub const POSTURE: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: false, radii: false };
 }
 
-/// Prior of the root's pose.
+/// Where the root is known to be beforehand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RootPrior {
-    /// Mean pose.
+    /// There.
     pub world_from_root: Pose,
-    /// Standard deviation of the rotation about each axis [rad].
+    /// Standard deviation of its turn about each axis [rad].
     pub turn_sigma: f64,
-    /// Standard deviation of the position along each axis [m].
+    /// Standard deviation of its place along each axis [m].
     pub shift_sigma: f64,
 }
 
-/// Prior knowledge of posture and shape. Empty lists: none.
+/// What is known beforehand. Empty lists: nothing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Priors {
-    /// Prior of the root's pose.
+    /// Where the body is.
     pub root: Option<RootPrior>,
-    /// By angle: mean and standard deviation [rad]; infinite: no prior.
+    /// By angle: its mean and standard deviation [rad]; infinite: nothing is known of it.
     pub angles: Vec<(f64, f64)>,
-    /// By scale: mean [–], and standard deviation of its logarithm beside the part common to all scales [–].
+    /// By scale: its mean [–] and the standard deviation of its logarithm beside what all scales have in common [–].
     pub scales: Vec<(f64, f64)>,
-    /// Standard deviation of the common part of the logarithms of all scales: stature [–].
+    /// Standard deviation of what the logarithms of all scales have in common: of how tall somebody is [–].
     pub stature: f64,
-    /// Prior of the balls' radii.
+    /// What is known of the balls' radii.
     pub radii: Option<RadiiPrior>,
 }
 
-/// Prior of radii: the thickness of a limb varies more from person to person than its roundness, or its profile along the bone.
+/// What is known of radii: how thick a limb is varies more from person to person than how round it is, and how its thickness varies along it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadiiPrior {
-    /// By ball: mean radii [m].
+    /// By ball [m].
     pub means: Vec<Vector3<f64>>,
-    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y,
-    /// beside the part common to all balls [–].
+    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y, beside what all have in common [–].
     pub thickness: f64,
-    /// Standard deviation of the common part of the logarithms of all thicknesses: build and clothing [–].
+    /// Standard deviation of what the logarithms of the thicknesses of all balls have in common: of how stout and how dressed somebody is [–].
     pub girth: f64,
     /// Standard deviation of the logarithm of the ratio of the thicknesses of neighbouring balls of a segment [–].
     pub evenness: f64,
     /// Standard deviation of the logarithm of the ratio of a ball's radii along x and y [–].
     pub roundness: f64,
-    /// Standard deviation of the logarithm of a ball's radius along the bone [–].
+    /// Standard deviation of the logarithm of its radius along the bone [–].
     pub reach: f64,
 }
 
-/// Options of [`fit_body`].
+/// How a fit is done.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyFitOptions {
-    /// Parameters to estimate.
+    /// What is sought.
     pub free: Free,
-    /// Form of the residual of surface points.
+    /// The equation of points.
     pub residual: ResidualKind,
-    /// Whether to estimate shape and posture in turn, as the paper does.
+    /// Shape and posture in turn, as the paper does it.
     pub in_turn: bool,
-    /// Whether the start may be far off: stages 1 to 3 run first.
+    /// The start may be far off: stages 1 to 3 go first.
     pub rough: bool,
-    /// Robust loss of the residuals.
+    /// What residuals cost: wrong points should hardly pull.
     pub loss: Loss,
-    /// Most rounds [–].
+    /// Rounds at most [–].
     pub max_rounds: u32,
-    /// Most iterations in each round [–].
+    /// Steps of the search at most, in each round [–].
     pub max_iterations: u32,
-    /// Convergence: a round moves the surface by no more, root mean square [m].
+    /// Done when a round moves no point of the surface by more, root mean square [m].
     pub settled_m: f64,
-    /// Softness of joint limits: standard deviation of an angle beyond its limit [rad].
+    /// How firmly the limits of joints hold: standard deviation of what an angle may be beyond them [rad].
     pub limit_sigma: f64,
-    /// Model error: standard deviation between the surface of a person and the best metaball body, added to that of points and rays [m].
+    /// Standard deviation of the surface of a person from the best body of metaballs, added to that of points and rays [m].
     pub model_sigma_m: f64,
-    /// Additional model error at a joint between two segments, where skin bulges and cloth wrinkles; it fades over [`Self::joint_reach_m`] [m].
+    /// The same added at a joint between two segments, where skin bulges and cloth wrinkles as no blend of balls does; it fades over [`Self::joint_reach_m`] [m].
     pub joint_sigma_m: f64,
-    /// Distance from a joint, along the bone, at which that error has fallen to e⁻¹ [m].
+    /// At this distance from a joint, along the bone, that is e⁻¹ of what it is at the joint [m].
     pub joint_reach_m: f64,
-    /// Points closer together than this share their model error [m].
+    /// Points that lie closer together have that error in common [m].
     pub independent_m: f64,
-    /// Points farther from the surface are outliers when the fit is judged [σ].
+    /// Points farther from the surface than so many σ belong to no segment, when the fit is judged [σ].
     pub outlier_sigmas: f64,
 }
 
@@ -216,69 +212,69 @@ impl Default for BodyFitOptions {
     }
 }
 
-/// A fitted body with its residuals and diagnostics.
+/// A fitted body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyFit {
-    /// Fitted posture and shape.
+    /// Posture and shape.
     pub state: State,
-    /// Covariance of a step in the order of [`Columns`], with outliers weighted down; or the unobservable parameters.
+    /// Of a step in the order of [`Columns`], wrong points weighted down; or which parameters the observations leave open.
     pub covariance: Result<DMatrix<f64>, Unobservable>,
-    /// By observation: signed distance from the surface, positive outside, or distance from the anchor; NaN where no segment is near [m].
+    /// By observation: distance from the surface, positive outside, or from the anchor; NaN where no segment is near [m].
     pub distances_m: Vec<f64>,
-    /// By observation: index of the segment that it was assigned to.
+    /// By observation: the segment that it belongs to.
     pub segments: Vec<Option<usize>>,
-    /// Root mean square of the distances without outliers [m].
+    /// Root mean square of the distances that are not outliers [m].
     pub rms_m: f64,
-    /// Number of outliers: observations farther off than [`BodyFitOptions::outlier_sigmas`].
+    /// Observations farther off than [`BodyFitOptions::outlier_sigmas`].
     pub outliers: usize,
-    /// Share of the surface points and rays that are farther off [–].
+    /// Of the points and rays of a surface, the share that is farther off [–].
     pub off_share: f64,
-    /// Number of observations beyond the joint of a cut segment, which belong to parts that the model lacks.
+    /// Observations before the joint of a segment that is cut there: of what the model does not have.
     pub beyond: usize,
-    /// By segment: number of its independent observations without outliers [–].
+    /// By segment: how many observations it has that are independent of each other, outliers left out [–].
     pub support: Vec<f64>,
-    /// Reasons to distrust the fit.
+    /// Why not to believe it.
     pub doubts: Vec<Doubt>,
-    /// Number of rounds.
+    /// Rounds that were made.
     pub rounds: u32,
-    /// Iterations over all rounds.
+    /// Steps that were tried, over all rounds.
     pub iterations: u32,
-    /// Whether the last round converged.
+    /// Whether the last round moved next to nothing.
     pub settled: bool,
 }
 
 /// Why there is no fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BodyFitError {
-    /// Too few observations.
+    /// Not enough to go by.
     #[error("{found} observations of a body, expected {expected} at least")]
     TooFew {
-        /// Number that was found.
+        /// How many there are.
         found: usize,
-        /// Number that is needed.
+        /// How many it takes.
         expected: usize,
     },
-    /// An observation that cannot be used.
+    /// One that cannot be used.
     #[error(
         "observation {index} is of {what}, expected finite numbers, a standard deviation above 0 and a segment of the body"
     )]
     Unfit {
-        /// Index of the observation.
+        /// Which, counted from 0.
         index: usize,
-        /// Its values.
+        /// What is wrong.
         what: String,
     },
-    /// Lists that do not match the body.
+    /// Lists of another body.
     #[error("{what}: {found}, expected {expected} as the body has")]
     OtherBody {
         /// Which list.
         what: &'static str,
-        /// Length that was found.
+        /// Its length.
         found: usize,
-        /// Length that was expected.
+        /// What it should be.
         expected: usize,
     },
-    /// The solver failed.
+    /// The search itself.
     #[error(transparent)]
     Solve(#[from] SolveError),
 }
@@ -310,7 +306,7 @@ struct Search<'a> {
 /// Fits `body` to observations, from `start`.
 ///
 /// # Errors
-/// See [`BodyFitError`]. An implausible fit is no error: see [`BodyFit::doubts`].
+/// See [`BodyFitError`]. A body that was found and is not to be believed is no error: see [`BodyFit::doubts`].
 pub fn fit_body(
     body: &Body,
     observations: &[BodyObservation],
@@ -332,7 +328,7 @@ pub fn fit_body(
         settled_m: COARSELY_SETTLED_M,
         rounds: COARSE_ROUNDS,
     };
-    if options.rough && (free.angles || free.root != RootFreedom::Held) {
+    if options.rough && (free.angles || free.root != FreedomOfRoot::Held) {
         search.anchors_alone(&coarse)?;
         let girth = priors.radii.as_ref().map_or(0.0, |it| it.girth);
         if (free.scales || free.radii) && priors.stature + girth > 0.0 {
@@ -389,7 +385,7 @@ impl Search<'_> {
             }
             Ok::<_, SolveError>(())
         };
-        if coarse.free.root == RootFreedom::Free {
+        if coarse.free.root == FreedomOfRoot::Free {
             for turn in turns_of_axes() {
                 let mut state = self.state.clone();
                 state.world_from_root.rotation *= turn;
@@ -467,7 +463,7 @@ impl Search<'_> {
         // From far away distances lead in; near the surface either form does.
         let residual = if stage.belongs == Belongs::Bone { ResidualKind::Distance } else { self.options.residual };
         let Free { root, angles, scales, radii } = stage.free;
-        let shape = Free { root: RootFreedom::Held, angles: false, scales, radii };
+        let shape = Free { root: FreedomOfRoot::Held, angles: false, scales, radii };
         let posture = Free { root, angles, scales: false, radii: false };
         let turns: &[Free] = if self.options.in_turn { &[posture, shape] } else { &[stage.free] };
         let options = BodyFitOptions { residual, ..self.options.clone() };
@@ -521,8 +517,8 @@ fn turns_of_axes() -> impl Iterator<Item = UnitQuaternion<f64>> {
 /// The parameters that stay.
 fn held(columns: &Columns, free: &Free) -> Vec<usize> {
     let spans = [
-        (0, 3, free.root == RootFreedom::Free),
-        (3, 6, free.root != RootFreedom::Held),
+        (0, 3, free.root == FreedomOfRoot::Free),
+        (3, 6, free.root != FreedomOfRoot::Held),
         (6, columns.scale(0), free.angles),
         (columns.scale(0), columns.radius(0, 0), free.scales),
         (columns.radius(0, 0), columns.len(), free.radii),
@@ -536,9 +532,9 @@ fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &
         ("angles of the start", start.angles.len(), skeleton.n_angles(), false),
         ("scales of the start", start.scales.len(), skeleton.n_scales(), false),
         ("radii of the start", start.radii.len(), body.balls.len(), false),
-        ("prior angles", priors.angles.len(), skeleton.n_angles(), true),
-        ("prior scales", priors.scales.len(), skeleton.n_scales(), true),
-        ("prior radii", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
+        ("angles known beforehand", priors.angles.len(), skeleton.n_angles(), true),
+        ("scales known beforehand", priors.scales.len(), skeleton.n_scales(), true),
+        ("radii known beforehand", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
     ];
     for (what, found, expected, may_be_empty) in lists {
         if found != expected && !(may_be_empty && found == 0) {

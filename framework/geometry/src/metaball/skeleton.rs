@@ -1,8 +1,7 @@
-//! A skeleton of segments with single-angle joints, and its forward kinematics.
+//! Segments joined by joints of one angle each, and where they stand.
 //!
-//! A segment's space has its origin in the joint to its parent, and its bone along +z. A joint with several angles is
-//! several degrees of freedom of one segment, applied one after the other (§3.2). The paper turns each about the local
-//! z axis after a permutation of the axes; a turn about the permuted axis is the same matrix.
+//! A segment's space has its origin in the joint that joins it to its parent, and its bone along +z. An articulation of several angles is several degrees of freedom of one
+//! segment, applied one after the other (§3.2). The paper turns each about the local z axis after a permutation of the axes; a turn about the permuted axis is the same matrix.
 //!
 //! | here | paper | meaning | unit |
 //! |---|---|---|---|
@@ -14,16 +13,16 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use crate::Pose;
 
-/// A degree of freedom: one angle of a joint.
+/// One angle of a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dof {
     /// Name in results: `elbow_flexion`.
     pub name: String,
-    /// Axis of the rotation, in the segment's own space before it.
+    /// What it turns about, in the segment's own space before this turn.
     pub axis: Unit<Vector3<f64>>,
-    /// Lower limit for a healthy adult [rad].
+    /// Least angle of a healthy adult [rad].
     pub lowest: f64,
-    /// Upper limit for a healthy adult [rad].
+    /// Largest angle of a healthy adult [rad].
     pub highest: f64,
 }
 
@@ -32,23 +31,23 @@ pub struct Dof {
 pub struct Segment {
     /// Name in results: `forearm_left`.
     pub name: String,
-    /// Index of the parent segment, lower than its own; `None`: the root.
+    /// The segment that it hangs on, by number, which is lower than its own; `None`: the root.
     pub parent: Option<usize>,
-    /// Position of its joint in the parent's space, where the parent has the template's length [m].
+    /// Its joint in the parent's space, where the parent has the template's length [m].
     pub joint_in_parent: Vector3<f64>,
-    /// Orientation of its space in the parent's where all angles are 0.
+    /// The turn of its space in the parent's where all angles are 0.
     pub parent_from_rest: UnitQuaternion<f64>,
     /// Its angles, applied in this order, outermost first.
     pub dofs: Vec<Dof>,
-    /// Length from its joint to its end, of the template [m].
+    /// Distance from its joint to its end, of the template [m].
     pub length: f64,
-    /// Index of its length in [`State::scales`]: segments of left and right may share one.
+    /// Which of [`State::scales`] stretches it: segments of left and right may share one.
     pub scale: usize,
-    /// Whether the real body goes on beyond its joint and the model does not: observations there are ignored.
+    /// The body goes on before its joint, and the model does not: what lies there is no surface of it.
     pub cut: bool,
 }
 
-/// A tree of segments.
+/// Segments that hang together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Skeleton {
     segments: Vec<Segment>,
@@ -58,65 +57,65 @@ pub struct Skeleton {
     n_scales: usize,
 }
 
-/// Why segments do not make a skeleton.
+/// What is wrong with a skeleton.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SkeletonError {
-    /// No segment.
+    /// No segment at all.
     #[error("a skeleton without segments, expected a root at least")]
     Empty,
-    /// The first segment has a parent, or another one has none before it.
-    #[error("segment {name} has the parent {found:?}, expected {expected}")]
+    /// The first one has a parent, or another one has none before it.
+    #[error("segment {name} hangs on {found:?}, expected {expected}")]
     Parent {
-        /// Name of the segment.
+        /// Of the segment.
         name: String,
-        /// Index of its parent.
+        /// Its parent.
         found: Option<usize>,
-        /// What was expected.
+        /// What may stand there.
         expected: String,
     },
-    /// Two segments or angles with one name.
-    #[error("two segments or angles have the name {name}, expected different names")]
+    /// Two segments or angles of one name.
+    #[error("two segments or angles have the name {name}, expected one")]
     Name {
-        /// The name.
+        /// Of both.
         name: String,
     },
-    /// A number out of range.
+    /// A number that cannot be.
     #[error("{what} of {name} is {found}, expected {expected}")]
     Number {
         /// Which number.
         what: &'static str,
-        /// Name of the segment or angle.
+        /// Of the segment or angle.
         name: String,
-        /// Value that was found.
+        /// Its value.
         found: f64,
-        /// What was expected.
+        /// What may stand there.
         expected: &'static str,
     },
 }
 
-/// Posture and shape of a body.
+/// How a body stands, and its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// Pose of the root.
+    /// Where the root's space is.
     pub world_from_root: Pose,
-    /// Joint angles by degree of freedom, segment by segment [rad].
+    /// By degree of freedom, segment by segment [rad].
     pub angles: Vec<f64>,
-    /// Lengths of segments relative to the template, above 0 [–].
+    /// Lengths of segments over those of the template, above 0 [–].
     pub scales: Vec<f64>,
     /// Effective radii of the balls, along their own axes, above 0 [m].
     pub radii: Vec<Vector3<f64>>,
 }
 
-/// A skeleton in a posture: poses of all segments.
+/// A skeleton in a posture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posed {
-    /// Pose of the root.
+    /// Where the root's space is.
     pub world_from_root: Pose,
-    /// Pose of each segment.
+    /// By segment.
     pub world_from_segment: Vec<Pose>,
-    /// By degree of freedom: its axis and a point on it, in the world [m].
+    /// By degree of freedom: the axis that its angle turns about, and a point on it [m].
     pub axes: Vec<(Vector3<f64>, Point3<f64>)>,
-    /// By segment except the root: vector from the parent's joint to its own, in the world, with the actual lengths [m].
+    /// By segment but the root: what its joint is off the parent's, in the world, with lengths as they are [m].
     pub bones: Vec<Vector3<f64>>,
 }
 
@@ -172,7 +171,7 @@ impl Skeleton {
         &self.segments
     }
 
-    /// Index of the segment of this name.
+    /// The number of a segment.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.segments.iter().position(|it| it.name == name)
     }
@@ -182,35 +181,35 @@ impl Skeleton {
         self.segments.iter().flat_map(|it| &it.dofs)
     }
 
-    /// Indices in [`State::angles`] of a segment's angles.
+    /// Which of [`State::angles`] are those of a segment.
     pub fn angles_of(&self, segment: usize) -> std::ops::Range<usize> {
         let first = self.first_angle[segment];
         first..first + self.segments[segment].dofs.len()
     }
 
-    /// Number of angles.
+    /// How many angles there are.
     pub fn n_angles(&self) -> usize {
         self.n_angles
     }
 
-    /// Number of scales.
+    /// How many lengths there are.
     pub fn n_scales(&self) -> usize {
         self.n_scales
     }
 
-    /// A segment and its ancestors, up to the root.
+    /// A segment and all that it hangs on, up to the root.
     pub fn chain(&self, segment: usize) -> impl Iterator<Item = usize> + '_ {
         std::iter::successors(Some(segment), |it| self.segments[*it].parent)
     }
 
-    /// Forward kinematics: the pose of each segment (2).
+    /// Where each segment stands (2).
     ///
     /// # Panics
-    /// When `state` does not match the skeleton.
+    /// When `state` is one of another skeleton.
     pub fn pose(&self, state: &State) -> Posed {
         assert!(
             state.angles.len() == self.n_angles && state.scales.len() == self.n_scales,
-            "the state does not match the skeleton"
+            "the state of another skeleton"
         );
         let mut posed = Posed {
             world_from_root: state.world_from_root,
@@ -239,12 +238,12 @@ impl Skeleton {
         posed
     }
 
-    /// Position of a segment's joint [m].
+    /// Where the joint of a segment is [m].
     pub fn joint(&self, posed: &Posed, segment: usize) -> Point3<f64> {
         Point3::from(posed.world_from_segment[segment].translation.vector)
     }
 
-    /// Position of the end of a segment's bone [m].
+    /// Where the bone of a segment ends [m].
     pub fn end(&self, posed: &Posed, state: &State, segment: usize) -> Point3<f64> {
         let Segment { length, scale, .. } = self.segments[segment];
         posed.world_from_segment[segment] * Point3::new(0.0, 0.0, length * state.scales[scale])
@@ -283,7 +282,7 @@ impl Skeleton {
     }
 }
 
-/// Order of the parameters in a step: rotation and shift of the root, angles, logarithms of scales, logarithms of radii ball by ball.
+/// The numbers of the parameters in a step: turn and shift of the root, angles, logarithms of scales, logarithms of radii ball by ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Columns {
     n_angles: usize,
@@ -292,32 +291,32 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// The order for a state.
+    /// Of a state.
     pub fn of(state: &State) -> Columns {
         Columns { n_angles: state.angles.len(), n_scales: state.scales.len(), n_balls: state.radii.len() }
     }
 
-    /// Index of an angle.
+    /// Of an angle.
     pub fn angle(&self, angle: usize) -> usize {
         6 + angle
     }
 
-    /// Index of the logarithm of a scale.
+    /// Of the logarithm of a scale.
     pub fn scale(&self, scale: usize) -> usize {
         6 + self.n_angles + scale
     }
 
-    /// Index of the logarithm of a radius.
+    /// Of the logarithm of a radius.
     pub fn radius(&self, ball: usize, axis: usize) -> usize {
         6 + self.n_angles + self.n_scales + 3 * ball + axis
     }
 
-    /// Number of parameters.
+    /// How many there are.
     pub fn len(&self) -> usize {
         self.radius(self.n_balls, 0)
     }
 
-    /// Always `false`: the root has parameters.
+    /// Never: the root moves.
     pub fn is_empty(&self) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! The edges of the view graph: pairs of cameras that see the light in common frames, each with its relative pose.
+//! The edges of the view graph: pairs of cameras that see the light together, each oriented on its own.
 
 use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
@@ -8,20 +8,20 @@ use crate::bundle::{Freedom, OpticsPrior};
 use crate::camera::Camera;
 use crate::epipolar::{EpipolarError, EpipolarOptions, relative_pose};
 
-/// A pair of cameras with its relative pose.
+/// How two cameras are linked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
-    /// Index of the camera with the lower number.
+    /// The one of the lower number.
     pub a: usize,
-    /// Index of the other camera.
+    /// The other.
     pub b: usize,
     /// Frames in which both see the light.
     pub common: usize,
-    /// Number of these that fit the relative pose.
+    /// Of which fit one pose.
     pub right: usize,
-    /// Part of the inliers that one plane explains [–].
+    /// Part of these that one plane explains [–].
     pub planar_share: f64,
-    /// Whether the rotations of the other pairs agree.
+    /// Whether the rotations of the other links agree.
     pub consistent: bool,
 }
 

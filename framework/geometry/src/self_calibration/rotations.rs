@@ -1,8 +1,7 @@
-//! Rotation averaging: one rotation for each camera from the rotations of pairs, some of which are wrong.
+//! One rotation for each camera from the rotations of pairs, some of which are wrong.
 //!
-//! Pairs gain weight by the triangles that they close; a maximum spanning tree over these weights gives a start; then
-//! all pairs are averaged on the tangent space of the rotations with Cauchy's weights (V. M. Govindu 2004), and those
-//! far from the average are dropped.
+//! Pairs earn trust by the triangles that they close; a maximum spanning tree over trust gives a start; then all pairs are averaged on
+//! the tangent space of the rotations with Cauchy's weights (V. M. Govindu 2004), and those far from the average are dropped.
 
 use std::collections::BTreeSet;
 

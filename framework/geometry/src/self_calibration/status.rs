@@ -1,69 +1,69 @@
-//! Outcome for each camera, optics that could not be estimated, and errors.
+//! What became of each camera, which of its optics could not be found, and why there may be no answer at all.
 
 use nalgebra::Point2;
 
 use crate::bundle::Optic;
 use crate::camera::CameraError;
 
-/// Outcome of self-calibration for a camera.
+/// What became of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CameraStatus {
-    /// Its pose was found.
+    /// Its pose is known.
     Calibrated,
-    /// It saw the light in too few frames.
+    /// It saw too little.
     TooFewObservations {
-        /// Frames in which it saw the light.
+        /// In how many frames it saw the light.
         frames: usize,
-        /// Frames that are needed.
+        /// How many are needed.
         needed: usize,
     },
-    /// Its pixels lie in one place, or on a line.
+    /// What it saw stays in place, or on a line.
     LightStill {
-        /// Standard deviation of its pixels across the line of largest spread [px].
+        /// Standard deviation of its pixels across the line along which they spread most [px].
         spread_px: f64,
     },
     /// It shares too few frames with any other camera.
     NoPartner {
-        /// The camera with which it shares most frames, if any.
+        /// The camera with which it shares most, if any.
         best: Option<usize>,
-        /// Frames shared with that camera.
+        /// How many frames these two share.
         common: usize,
-        /// Frames that are needed.
+        /// How many are needed.
         needed: usize,
     },
     /// It shares frames, but its pixels fit no pose: a moved camera, a wrong lens, the track of another camera.
     Inconsistent {
         /// The partner that it fits best.
         best: usize,
-        /// Frames shared with that partner.
+        /// Frames shared with that.
         common: usize,
-        /// Number of these that fit.
+        /// Of which fit.
         right: usize,
     },
-    /// It stands where its partner stands, or the light is too far away for a depth.
+    /// It stands where its partners stand, or the light is too far away for a depth.
     NoDepth {
-        /// The partner with which it shares most frames.
+        /// The partner with which it shares most.
         best: usize,
     },
-    /// It has relative poses, but shares too few frames with the larger group that was calibrated.
+    /// It was oriented with others, but shares no frames with the larger group that was calibrated.
     Separate {
         /// The cameras of its own group.
         group: Vec<usize>,
     },
-    /// The offset of its clock could not be estimated.
+    /// How far its clock is from those of the others could not be told.
     ClockOpen {
-        /// The camera with which the estimate came closest, if any.
+        /// The camera beside which it came closest, if any.
         best: Option<usize>,
     },
-    /// Its focal length is unobservable: too little depth, or a path in a plane.
+    /// Its focal length cannot be told: too little depth, or a path in a plane.
     FocalOpen {
-        /// Relative standard deviation of the focal length [–]; infinite without any information.
+        /// Standard deviation, relative [–]; infinite when it is entirely open.
         sigma: f64,
     },
 }
 
 impl CameraStatus {
-    /// The status as words, with cameras called by `name`.
+    /// What became of it, the cameras that it speaks of by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             CameraStatus::Calibrated => "calibrated".to_owned(),
@@ -95,10 +95,10 @@ impl CameraStatus {
             }
             CameraStatus::ClockOpen { best: None } => "its clock could not be found".to_owned(),
             CameraStatus::FocalOpen { sigma } if sigma.is_infinite() => {
-                "its focal length is unobservable: too little depth, or a flat path".to_owned()
+                "nothing tells its focal length: too little depth, or a flat path".to_owned()
             }
             CameraStatus::FocalOpen { sigma } => {
-                format!("its focal length is known to {:.1} %: too little depth, or a flat path", 100.0 * sigma)
+                format!("its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
             }
         }
     }
@@ -110,106 +110,106 @@ impl std::fmt::Display for CameraStatus {
     }
 }
 
-/// An optic that should have been estimated and is kept as given.
+/// An optic that was to be found and stays as it was given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpticHeld {
-    /// Which optic.
+    /// Which.
     pub optic: Optic,
-    /// Why it is held.
-    pub reason: HeldReason,
+    /// Why.
+    pub reason: HeldBecause,
 }
 
 /// Why an optic was not freed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum HeldReason {
-    /// It cannot be distinguished from the other parameters.
+pub enum HeldBecause {
+    /// Nothing tells it from the others.
     Open,
-    /// With it free, held-out observations were predicted no better.
+    /// With it, observations that had been held out were predicted no better.
     HoldOut {
-        /// Error of held-out observations with this camera's optics as given, root mean square [px].
+        /// Their error with this camera's optics as given, root mean square [px].
         held_px: f64,
-        /// The same with its optics free [px].
+        /// And with its optics free [px].
         freed_px: f64,
     },
 }
 
 impl std::fmt::Display for OpticHeld {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(to, "{} is kept as given: ", self.optic)?;
+        write!(to, "{} stays as given: ", self.optic)?;
         match self.reason {
-            HeldReason::Open => write!(to, "it is unobservable"),
-            HeldReason::HoldOut { held_px, freed_px } => {
+            HeldBecause::Open => write!(to, "the observations leave it open"),
+            HeldBecause::HoldOut { held_px, freed_px } => {
                 write!(to, "observations held out are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
             }
         }
     }
 }
 
-/// Why no camera could be calibrated.
+/// Why there is no answer at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SelfCalibrationError {
-    /// Fewer than two cameras.
+    /// One camera, or none.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
-        /// Number of cameras.
+        /// How many.
         count: usize,
     },
-    /// Lists of different lengths.
-    #[error("{cameras} cameras and {freedoms} freedoms, expected as many of each")]
+    /// Not as many of one as of the other.
+    #[error("{cameras} cameras and {freedoms} lists of what is free, expected as many of each")]
     LengthsDiffer {
-        /// Number of cameras.
+        /// How many cameras.
         cameras: usize,
-        /// Number of freedoms.
+        /// How many lists.
         freedoms: usize,
     },
-    /// A camera that cannot be used.
+    /// A camera with a number that is none.
     #[error("camera {camera}: {fault}")]
     BadCamera {
-        /// Index of the camera.
+        /// Which.
         camera: usize,
-        /// The fault of the camera.
+        /// What is wrong.
         fault: CameraError,
     },
-    /// An observation of an unknown camera, or with a pixel that is not finite.
+    /// An observation by nobody, or of nothing.
     #[error(
         "observation {observation} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
     )]
     BadObservation {
-        /// Index of the observation.
+        /// Which.
         observation: usize,
         /// Its camera.
         camera: usize,
         /// Its pixel [px].
         pixel: Point2<f64>,
-        /// Number of cameras.
+        /// How many cameras there are.
         cameras: usize,
     },
-    /// Two observations of the light by one camera in one frame.
+    /// Two pixels of one light in one picture.
     #[error("camera {camera} sees the light twice in frame {frame}, expected once at most")]
     SeenTwice {
-        /// Index of the camera.
+        /// Which camera.
         camera: usize,
-        /// Number of the frame.
+        /// Which frame.
         frame: usize,
     },
-    /// An option out of range.
-    #[error("{option} is {found}, expected more than 0")]
-    BadOption {
-        /// Which option.
-        option: &'static str,
-        /// Value that was found.
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected more than 0")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
         found: f64,
     },
-    /// No two cameras could be calibrated together, with the reason for each.
+    /// No two cameras could be calibrated together; the reason of each.
     #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
     NothingCalibrated {
-        /// Outcome for each camera.
+        /// By camera.
         status: Vec<CameraStatus>,
     },
 }
 
 impl SelfCalibrationError {
-    /// The error as words, with cameras called by `name`.
+    /// Why, the cameras that it speaks of by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             SelfCalibrationError::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),

@@ -1,4 +1,4 @@
-//! Learns a shape model from frames of labelled points.
+//! A model from frames of labelled points.
 
 use foveate_estimation::principal::PrincipalError;
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
@@ -9,20 +9,20 @@ use super::judge::judge;
 use super::procrustes::{Aligned, align_frames};
 use super::{Bases, ShapeKind, ShapeModel, Usual};
 
-/// Options of [`acquire`].
+/// How [`acquire`] makes a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AcquisitionOptions {
-    /// Kind of bases.
+    /// Which bases.
     pub kind: ShapeKind,
-    /// Most bases.
+    /// Bases at most.
     pub n_bases: usize,
-    /// Noise of a captured mark, standard deviation of each axis [m].
+    /// Noise of a captured mark, standard deviation of one axis [m].
     pub noise: f64,
-    /// For components: expected movement of a mark beyond what was captured, relative to its captured movement [–].
+    /// For components: how much of a mark's movement is to be expected in ways that were not captured [–].
     pub unseen: f64,
-    /// Correlation length of that additional movement [m].
+    /// Marks this far apart still move together in such ways [m].
     pub reach: f64,
-    /// Seed for the choice of marks hidden in the trials.
+    /// Of the random choice of marks hidden from the trials.
     pub seed: u64,
 }
 
@@ -40,63 +40,63 @@ impl AcquisitionOptions {
     }
 }
 
-/// Why no model can be learnt.
+/// Why there is no model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AcquisitionError {
     /// Too few marks or frames.
     #[error("{marks} marks in {frames} frames make no model; expected 3 marks and 1 frame at least")]
     TooFew {
-        /// Number of marks.
+        /// Marks.
         marks: usize,
-        /// Number of frames.
+        /// Frames.
         frames: usize,
     },
-    /// A frame with another number of marks.
+    /// A frame of another number of marks.
     #[error("frame {frame} has {found} marks, expected {expected}, one for each label")]
     Lengths {
-        /// Index of the frame.
+        /// Which frame.
         frame: usize,
-        /// Number of marks in it.
+        /// How many there are.
         found: usize,
-        /// Number that was expected.
+        /// How many there should be.
         expected: usize,
     },
-    /// A position that is not finite.
+    /// A position that is none.
     #[error("frame {frame}, mark {label} is not finite")]
     NotFinite {
-        /// Index of the frame.
+        /// Which frame.
         frame: usize,
-        /// Label of the mark.
+        /// Which mark.
         label: u32,
     },
-    /// Labels that are not ascending.
-    #[error("label {label} is repeated or out of order, expected ascending labels")]
+    /// Labels are not ascending.
+    #[error("label {label} comes again or too late; expected ascending labels")]
     Labels {
-        /// The label.
+        /// Which.
         label: u32,
     },
     /// Marks on a line, or a mark that no usable frame has.
     #[error(
-        "the marks do not determine a pose: no frame has three of them off one line, or a mark is in no such frame"
+        "the marks fix no pose: no frame has three of them that are not on a line, or one of them is in no such frame"
     )]
     Degenerate,
-    /// An option out of range.
+    /// A number among the rules that is out of range.
     #[error("{what} of {found}; expected {expected}")]
     Options {
-        /// Which option.
+        /// Which.
         what: &'static str,
-        /// Value that was found.
+        /// Its value.
         found: f64,
-        /// What was expected.
+        /// What it may be.
         expected: &'static str,
     },
 }
 
 const LEAST_OF_NOISE: f64 = 0.25;
-/// Rounds in which marks missing from frames are filled and the bases made again.
+/// Rounds in which marks missing from frames are filled and the bases made anew.
 const FILLING_ROUNDS: usize = 3;
 
-/// Learns a model from `frames`, each with an entry for every label. Frames may have any pose, and may lack marks.
+/// Makes a model from `frames`, each with a place for every label; frames may stand anywhere, and lack marks.
 ///
 /// # Errors
 /// See [`AcquisitionError`].
@@ -207,7 +207,7 @@ pub(super) fn place_in(column: &[f64], mark: usize) -> Point3<f64> {
 }
 
 impl ShapeModel {
-    /// The same model with other bases: for comparisons.
+    /// The same model with other bounds or variances: for comparisons.
     pub fn with_bases(self, bases: Bases) -> ShapeModel {
         ShapeModel { bases, ..self }
     }

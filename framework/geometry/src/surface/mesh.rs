@@ -1,46 +1,44 @@
-//! The surface of a distance field as triangles: surface nets.
+//! The surface of a distance field as triangles.
 //!
 //! Source: S. F. F. Gibson, "Constrained elastic surface nets", MICCAI 1998: one vertex in each cell of eight voxels that the surface passes, at the mean of where it crosses the cell's edges, and two
-//! triangles around each edge that it crosses. Compared with marching cubes that is half as many vertices, no slivers,
-//! and no table of cases; each vertex is then moved onto the surface along the
-//! field's gradient, so that nothing is smoothed. Cells with an unknown voxel have no vertex: the surface ends where
-//! it was not observed, and where points contradict each other.
+//! triangles around each edge that it crosses. Beside marching cubes that is half as many vertices, no slivers, and no table of cases; each vertex is then moved onto the surface along the
+//! field's gradient, so that nothing is smoothed. Cells with a voxel that is not known have no vertex: the surface ends where it was not seen, and where points contradict each other.
 
 use nalgebra::{Point3, Vector3};
 
 use super::field::{DistanceField, SIDE, Voxel};
 
-/// Options of [`DistanceField::mesh`].
+/// How a surface is taken from a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
-    /// Least number of points for a voxel to be used [–].
+    /// Points that a voxel needs to be used [–].
     pub min_points: f64,
-    /// Least number of triangles of a connected piece [–].
+    /// Pieces of fewer triangles are left out [–].
     pub min_triangles: usize,
 }
 
-/// A vertex of a triangle mesh.
+/// A corner of triangles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceVertex {
-    /// Position [m].
+    /// Where [m].
     pub position: Point3<f64>,
-    /// Unit normal, outwards [–].
+    /// Out of the surface, of length 1 [–].
     pub normal: Vector3<f64>,
-    /// Mean colour of its points [gray level].
+    /// Mean of its points [gray level].
     pub colour: [u8; 3],
-    /// Equivalent number of points behind its mean [–].
+    /// As many points as its mean is worth [–].
     pub n_points: f64,
-    /// Standard deviation along the normal, from the noise of the mean and from contradictions between points beyond
-    /// their noise; without errors common to all points [m].
+    /// Standard deviation along the normal: what noise of points leaves of their mean, and by how much they contradict each other beyond their noise, whatever their number; not what they all have
+    /// in common [m].
     pub sigma: f64,
 }
 
-/// A triangle mesh.
+/// A surface.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
-    /// Vertices.
+    /// Corners.
     pub vertices: Vec<SurfaceVertex>,
-    /// Vertex indices of each triangle, counter-clockwise from outside.
+    /// By corner, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -61,7 +59,7 @@ const EDGES: [[usize; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 impl DistanceField {
-    /// Extracts the present surface.
+    /// The surface as it is now.
     pub fn mesh(&self, options: &MeshOptions) -> TriangleMesh {
         let min_points = (options.min_points as f32).max(f32::MIN_POSITIVE);
         let mut mesh = TriangleMesh::default();
@@ -236,7 +234,7 @@ impl TriangleMesh {
         self.vertices = kept;
     }
 
-    /// Area of the mesh [m²].
+    /// Sum of the triangles' areas [m²].
     pub fn area(&self) -> f64 {
         let area = |it: &[u32; 3]| {
             let [a, b, c] = it.map(|corner| self.vertices[corner as usize].position);

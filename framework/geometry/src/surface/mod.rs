@@ -1,20 +1,20 @@
-//! Surfaces from points: registration of clouds, fusion into a distance field, meshes, and distances between shapes.
+//! Surfaces from points: one cloud registered to another, clouds fused into a distance field, and the triangles of that.
 //!
 //! | file | what it gives |
 //! |---|---|
-//! | [`patches`] | oriented points in cells, coarse to fine, as a target of registration |
-//! | [`range_image`] | the same by projection into the camera that observed them |
-//! | [`registration`] | ICP: pose of a cloud on a surface, point to plane, with covariance and unobservable directions |
-//! | [`normals`] | normals of points without them |
-//! | [`field`] | a truncated signed distance field (TSDF) in blocks, fused from oriented points |
+//! | [`patches`] | oriented points gathered in cells, coarse to fine: what a cloud is registered to |
+//! | [`range_image`] | the same by projection into the camera that saw them |
+//! | [`registration`] | the pose of a cloud on a surface, point to plane, with its covariance and what the geometry leaves open |
+//! | [`normals`] | normals of points that come without |
+//! | [`field`] | a truncated signed distance field in blocks, fused from oriented points |
 //! | [`mesh`] | its surface as triangles |
-//! | [`ply`] | reader of PLY files |
-//! | [`shape`] | triangles or points with nearest-point queries |
-//! | [`placing`] | global registration of one shape on another, without a start |
-//! | `planes` | the same for shapes that are mostly one plane |
-//! | [`cylinder`] | least-squares cylinder |
-//! | [`roughness`] | deviation of points from a local quadric |
-//! | [`distances`] | distances between two shapes, both ways |
+//! | [`ply`] | points and triangles of files of any program |
+//! | [`shape`] | triangles or points to measure distances to |
+//! | [`placing`] | how one shape lies on another, from anywhere |
+//! | `planes` | the same of shapes that are mostly one plane |
+//! | [`cylinder`] | the circular cylinder that fits points best |
+//! | [`roughness`] | what points deviate from a quadric around them |
+//! | [`distances`] | how far two shapes are apart, both ways |
 
 pub mod cylinder;
 pub mod distances;
@@ -47,14 +47,14 @@ pub use registration::{Registration, RegistrationError, RegistrationOptions, reg
 pub use roughness::roughness;
 pub use shape::{Nearest, Shape};
 
-/// A point of a surface, with covariance and normal.
+/// One point of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Position [m].
+    /// Where it is [m].
     pub position: Point3<f64>,
-    /// Covariance of the position; symmetric [m²].
+    /// Of the position; symmetric [m²].
     pub covariance: Matrix3<f64>,
-    /// Unit normal, outwards; zero where it is unknown [–].
+    /// Out of the surface, of length 1; zero where it is not known [–].
     pub normal: Vector3<f64>,
 }
 
@@ -74,27 +74,27 @@ impl SurfacePoint {
 /// The part of a surface nearest to a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Index of the part; points matched to the same part share its error.
+    /// Which part: points that share one share its error.
     pub number: usize,
-    /// A point of the part [m].
+    /// A point of it [m].
     pub position: Point3<f64>,
-    /// Unit normal, outwards [–].
+    /// Out of the surface, of length 1 [–].
     pub normal: Vector3<f64>,
-    /// Variance of the position along the normal [m²].
+    /// Of the position along the normal [m²].
     pub variance: f64,
 }
 
-/// A surface to register clouds to.
+/// A surface that clouds can be registered to.
 pub trait Surface {
-    /// Number of levels of detail; level 0 is the finest.
+    /// Of how many levels of detail it is; level 0 is the finest.
     fn n_levels(&self) -> usize;
 
-    /// Largest distance of a match from its point at a level [m].
+    /// How far from a point its match may be at a level [m].
     fn reach(&self, level: usize) -> f64;
 
-    /// Standard deviation of the surface about the plane of a match, within the reach [m].
+    /// How far the surface may bend away from the plane of a match within the reach, standard deviation [m].
     fn bend(&self, level: usize) -> f64;
 
-    /// The part nearest to `point` at a level; `None`: nothing within reach.
+    /// What is nearest to `point` at a level; `None`: nothing within reach.
     fn nearest(&self, level: usize, point: &Point3<f64>) -> Option<Match>;
 }

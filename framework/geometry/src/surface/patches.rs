@@ -1,8 +1,7 @@
-//! Oriented points in cells, coarse to fine: a growing surface to register clouds to.
+//! Oriented points gathered in cells, coarse to fine: a surface that grows and that clouds are registered to.
 //!
-//! Each cell keeps the mean of its points and of their normals, weighted by 1/σ² along the normal. Cells of a level
-//! are twice as wide as those of the level below, so that a poor start converges on the coarse levels; a query costs a
-//! look at 27 cells on any level.
+//! Each cell keeps the mean of its points and of their normals, weighted by 1/σ² along the normal. Cells of a level are twice as wide as those of the level below it, so
+//! that a poor start finds its way on the coarse levels, at the cost of a look at 27 cells for a point on any of them.
 
 use nalgebra::{Point3, Vector3};
 
@@ -32,7 +31,7 @@ struct Level {
     patches: Vec<Patch>,
 }
 
-/// A surface of oriented points in cells, on several levels.
+/// Oriented points in cells, on several levels.
 #[derive(Debug, Clone)]
 pub struct Patches {
     levels: Vec<Level>,
@@ -40,8 +39,7 @@ pub struct Patches {
 }
 
 impl Patches {
-    /// An empty surface; the finest cells are `cell_m` wide, each of `n_levels` levels twice as coarse as the one
-    /// before; at most `max_patches` cells on the finest.
+    /// Without a point yet; the finest cells `cell_m` wide, each of `n_levels` levels twice as coarse as the one before; at most `max_patches` on the finest.
     pub fn new(cell_m: f64, n_levels: usize, max_patches: usize) -> Patches {
         let level = |number: usize| Level {
             size_m: cell_m * f64::from(1_u32 << number.min(20)),
@@ -51,8 +49,7 @@ impl Patches {
         Patches { levels: (0..n_levels.max(1)).map(level).collect(), max_patches }
     }
 
-    /// Adds a point. Returns `false` for points without a normal, not finite, or too far away, and for points in new
-    /// cells when there are `max_patches`.
+    /// Adds a point. Points without a normal, not finite, or too far away are passed over, and those in new cells when there are `max_patches`: `false`.
     pub fn add(&mut self, point: &SurfacePoint) -> bool {
         let variance = point.variance_along(&point.normal);
         if !point.is_sound() || point.normal == Vector3::zeros() || variance <= 0.0 {
@@ -78,7 +75,7 @@ impl Patches {
         true
     }
 
-    /// Multiplies the weight of all points so far by `share`, above 0 to 1.
+    /// Makes all points so far count `share` of what they did, above 0 to 1.
     pub fn fade(&mut self, share: f64) {
         for patch in self.levels.iter_mut().flat_map(|it| &mut it.patches) {
             patch.weight *= share;
@@ -87,17 +84,17 @@ impl Patches {
         }
     }
 
-    /// Number of occupied cells on the finest level.
+    /// Cells of the finest level that hold something.
     pub fn len(&self) -> usize {
         self.levels.first().map_or(0, |it| it.patches.len())
     }
 
-    /// Whether there are no points.
+    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Mean unit normal around a point, on a level.
+    /// The mean normal around a point, on a level, of length 1.
     pub fn normal_at(&self, level: usize, point: &Point3<f64>) -> Option<Vector3<f64>> {
         let level = self.levels.get(level)?;
         let place = *level.table.get(&key(cell_of(point, level.size_m))?)?;

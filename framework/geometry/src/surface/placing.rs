@@ -1,15 +1,11 @@
-//! Global registration: the pose of one shape on another without a start, rigid or with a scale.
+//! How one shape lies on another when nothing is known of it: from anywhere, rigidly or with a scale.
 //!
-//! 1. Coarse registrations start from many evenly spread rotations, each with the middle of the one shape on the
-//!    middle of that part of the other which would face the same way; the given pose is
+//! 1. From many rotations that are spread evenly, each with the middle of the one shape on the middle of that part of the other which would face the same way, coarse registrations begin; the place given is
 //!    one of the starts.
-//! 2. Where both shapes are mostly one plane, which would dominate, further starts come from what stands out of it,
-//!    and such points count four times as much as all others together.
-//! 3. The starts that lay most of the shape on the other continue with full detail.
-//! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or
-//!    without a scale: Gauss–Newton steps under Tukey's weights.
-//! 5. All of it is repeated without the planes that hold most of either shape, up to three: objects in front of a
-//!    wall, and a wall that only one shape shows. The result with most overlap of both is kept.
+//! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count four times as much as all others together.
+//! 3. The starts that lay most of the shape on the other go on with all detail.
+//! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
+//! 5. All of it is done again without the planes that hold most of either shape, up to three: what stands before a wall, and a wall that only one of both shows. What is kept is where most of both lies on the other.
 //!
 //! Sources: M. Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022 (rotations); those of [`super::registration`].
 //!
@@ -28,49 +24,49 @@ use super::planes::{Flat, starts};
 use super::registration::slides;
 use super::{Patches, RegistrationOptions, Shape, SurfacePoint, register};
 
-/// Options of [`place`].
+/// How a shape is placed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacingOptions {
-    /// Whether to estimate a scale near 1 between a and b.
+    /// Whether lengths in a may have another scale than in b, a little.
     pub scale: bool,
-    /// Number of rotations tried [–].
+    /// Rotations that are tried [–].
     pub n_starts: usize,
-    /// Largest distance of a pair [m].
+    /// Pairs farther apart than this do not count [m].
     pub most: f64,
 }
 
-/// The pose of a shape on another.
+/// Where a shape lies on another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placing {
-    /// Maps points of a to b.
+    /// Takes points of a to b.
     pub b_from_a: Similarity3<f64>,
-    /// Part of a's points that lie on b, within the scatter [–].
+    /// Part of a's points that lie on b, within what scatters [–].
     pub overlap: f64,
     /// Robust standard deviation of the distances along b's normals [m].
     pub sigma: f64,
-    /// Number of directions, of six, in which a slides along b: unobservable.
+    /// Directions of the six in which a slides along b without a distance: its place there is not known.
     pub n_open: usize,
-    /// Rotation and shift of the middle to another pose that fits nearly as well [rad, m]: a symmetry.
+    /// How far another pose that fits nearly as well is turned from this one, and how far it moves the middle [rad, m]: a symmetry.
     pub other: Option<(f64, f64)>,
 }
 
-/// Why no pose was found.
+/// Why there is no place.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlacingError {
-    /// Either shape has too few points with normals.
+    /// Of either shape.
     #[error("{count} points with a normal, expected at least {expected}")]
     TooFewPoints {
-        /// Number of points.
+        /// How many there are.
         count: usize,
-        /// Number that is needed.
+        /// How many there must be.
         expected: usize,
     },
-    /// No start led to enough overlap.
+    /// From no start was a place found.
     #[error("{:.0} % of one lie on the other at best, expected at least {:.0} %", 100.0 * overlap, 100.0 * expected)]
     NoOverlap {
-        /// Best overlap that was found.
+        /// The part that does.
         overlap: f64,
-        /// Overlap that is needed.
+        /// The part that must.
         expected: f64,
     },
 }
@@ -110,7 +106,7 @@ const LEAST_COSINE: f64 = 0.5;
 /// Mean squared cosine between motion and normal from which on a direction is held, as in [`RegistrationOptions`].
 const MIN_HOLD: f64 = 0.003;
 
-/// Finds the pose of `a` on `b`, both in the same unit. Normals of `a`, where known, point to the same side as those of `b`.
+/// Places `a` on `b`, both in the same unit. Normals of `a`, where they are known, look to the same side as those of `b`.
 ///
 /// # Errors
 /// See [`PlacingError`].

@@ -1,4 +1,4 @@
-//! Iterated closest points (ICP), point to plane: the pose of a cloud on a surface, with covariance and unobservable directions.
+//! Where a cloud lies on a surface: iterated closest points, point to plane, with a covariance, and with what the geometry leaves open.
 //!
 //! Sources: Y. Chen and G. Medioni, "Object modelling by registration of multiple range images", Image and Vision Computing 10(3), 1992 (point to plane);
 //! S. Rusinkiewicz and M. Levoy, "Efficient variants of the ICP algorithm", 3DIM 2001 (rejection of pairs by distance and normal, coarse to fine);
@@ -11,24 +11,17 @@
 //! | its derivative −jᵀδ | j = (p × n′, n′), n′ = Rᵀ n | m, – |
 //! | its variance | n′ᵀ Σ n′ + k σₘ² + bend², k points sharing the match | m² |
 //!
-//! Points that share a match share its error: with the variance of the match k times as large for each, their k pairs
-//! together know no more than the match does. Tukey's weights
-//! are scaled by the median absolute residual over its σ, the `misfit`; the covariance is scaled by its square, so
-//! that stated sigmas that are all too large or small by one factor do no harm.
+//! Points that share a match share its error: with the variance of the match k times as large for each, their k pairs together know no more than the match does. Tukey's weights
+//! stand on the median absolute residual over its σ, the `misfit`; the covariance is scaled by the square of it, so that stated sigmas that are all too large or small by one factor do no harm.
 //!
-//! Errors that neighbours share, along a stripe or where two clouds were lit differently, do not average out with more
-//! points, and no point's covariance includes them. So the
-//! covariance is also estimated by leaving out one cell of points after the other (J. Tukey's jackknife, by clusters
-//! as in A. Cameron and D. Miller, "A practitioner's guide to cluster-robust inference", Journal of Human
-//! Resources 50(2), 2015; cells of space as clusters: T. Conley, "GMM estimation with cross sectional dependence",
-//! Journal of Econometrics 92(1), 1999), for cells of several widths. The stated covariance is in no
-//! direction less than any of these, nor than that of independent errors. Errors common to the whole cloud are not included.
+//! Errors that neighbours share, along a stripe or where two clouds saw different light, do not become less with more points, and no point's covariance has them. What each part of the cloud pulls the pose to does: the
+//! covariance is also found by leaving out one cell of points after the other (J. Tukey's jackknife, by clusters as in A. Cameron and D. Miller, "A practitioner's guide to cluster-robust inference", Journal of Human
+//! Resources 50(2), 2015; cells of space as clusters: T. Conley, "GMM estimation with cross sectional dependence", Journal of Econometrics 92(1), 1999), for cells of several widths. What is stated is in no
+//! direction less than any of these, nor than what independent errors leave. What all of a cloud shares is in none of them.
 //!
-//! A direction in which the cloud slides along itself moves no point along its normal. With H = Σ w j jᵀ and M = Σ w
-//! Pᵀ P, P = (−[p]×, 1), the eigenvalues μ of H v = μ M v are the mean squared
-//! cosines between motion and normal, from 0 to 1 in any units and sizes. Noise of normals alone would make a plane
-//! seem constrained; so H is computed between the normals of cloud and surface, whose
-//! noise is independent, where the cloud has normals. Unobservable directions stay at the start, with the covariance of the start.
+//! A direction in which the cloud slides along itself moves no point along its normal. With H = Σ w j jᵀ and M = Σ w Pᵀ P, P = (−[p]×, 1), the eigenvalues μ of H v = μ M v are the mean squared
+//! cosines between motion and normal, 0 to 1 whatever units and sizes are. Noise of normals alone would make a plane seem to hold; so H is taken between the normals of cloud and surface, whose
+//! noise has nothing in common, where the cloud has normals. What does not hold stays at the start, with the covariance of the start.
 
 use std::collections::{BTreeMap, HashMap};
 use std::ops::AddAssign;
@@ -40,20 +33,20 @@ use nalgebra::{
 
 use super::{Match, Surface, SurfacePoint};
 
-/// Options of [`register`].
+/// How clouds are registered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegistrationOptions {
-    /// Most points of the cloud in use, evenly picked [–].
+    /// Points of the cloud that take part at most, evenly picked [–].
     pub max_points: usize,
-    /// Least number of pairs [–].
+    /// Pairs that a pose needs [–].
     pub min_pairs: usize,
-    /// Least part of the points with a match at the end [–].
+    /// Part of the points that must have a match in the end [–].
     pub min_overlap: f64,
-    /// Largest accepted robust standard deviation of the residuals over the stated one [–].
+    /// Robust standard deviation of the residuals over what was stated, at most [–].
     pub max_misfit: f64,
-    /// Least mean squared cosine between motion and normal for a direction to count as observable [–].
+    /// Mean squared cosine between motion and normal from which on a direction is held [–].
     pub min_hold: f64,
-    /// Largest angle between the normals of a pair [rad].
+    /// Angle between the normals of a pair at most [rad].
     pub max_angle: f64,
 }
 
@@ -64,67 +57,67 @@ impl Default for RegistrationOptions {
     }
 }
 
-/// The pose of a cloud on a surface.
+/// Where a cloud lies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registration {
-    /// Maps points of the cloud to the surface.
+    /// Takes points of the cloud to the surface.
     pub surface_from_cloud: Isometry3<f64>,
-    /// Covariance of δ in `surface_from_cloud` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    /// Of δ in `surface_from_cloud` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// Unobservable directions δ, each scaled to move the points by 1 m (root mean square); the pose along them is that of the start.
+    /// Directions δ in which the geometry does not hold the cloud, each scaled to move its points by 1 m (root mean square); there the start decides.
     pub not_held: Vec<Vector6<f64>>,
-    /// Mean squared cosine between motion and normal in the least observable direction [–].
+    /// Mean squared cosine between motion and normal in the direction that holds least [–].
     pub hold: f64,
-    /// Number of inlier pairs.
+    /// Pairs that the pose stands on: those that are no outliers.
     pub n_pairs: usize,
-    /// Part of the points with an inlier match [–].
+    /// Part of the points with a match that is no outlier [–].
     pub overlap: f64,
-    /// Robust standard deviation of the residuals over the stated one [–].
+    /// Robust standard deviation of the residuals over what was stated [–].
     pub misfit: f64,
-    /// Iterations over all levels.
+    /// Steps that were made, over all levels.
     pub n_steps: usize,
-    /// Root mean square motion of the points for one standard deviation of the pose [m].
+    /// Root mean square motion of the points by an error of one standard deviation of the pose [m].
     pub sigma: f64,
-    /// Distance that the cloud's origin moved from the start [m].
+    /// How far the cloud's origin was moved from the start [m].
     pub moved: f64,
 }
 
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RegistrationError {
-    /// The cloud has too few points.
+    /// Of the cloud itself.
     #[error("{count} points, expected at least {expected}")]
     TooFewPoints {
-        /// Number of points.
+        /// How many there are.
         count: usize,
-        /// Number that is needed.
+        /// How many there must be.
         expected: usize,
     },
-    /// The cloud does not overlap the surface enough.
+    /// The cloud lies beside the surface, or far from it.
     #[error("{:.0} % of the points lie on the surface, expected at least {:.0} %", 100.0 * overlap, 100.0 * expected)]
     NoOverlap {
-        /// Overlap that was found.
+        /// The part that does.
         overlap: f64,
-        /// Overlap that is needed.
+        /// The part that must.
         expected: f64,
     },
-    /// Residuals too large: another shape, or a local minimum.
-    #[error("residuals are {misfit:.1} times as large as their sigmas, expected at most {expected:.1} times")]
+    /// It has another shape, or a local minimum was found.
+    #[error("residuals are {misfit:.1} times as large as sigmas say, expected at most {expected:.1} times")]
     Misfit {
-        /// Residuals over their sigmas.
+        /// Residuals over sigmas.
         misfit: f64,
-        /// Largest accepted ratio.
+        /// The most that is allowed.
         expected: f64,
     },
-    /// The iteration did not converge.
+    /// Steps did not become smaller.
     #[error("the last step moved points by {moved_m:.1e} m, expected less than their sigma of {sigma_m:.1e} m")]
     NotConverged {
-        /// Root mean square motion of the points by the last step [m].
+        /// Root mean square motion of the last step [m].
         moved_m: f64,
-        /// Root mean square motion for one standard deviation of the pose [m].
+        /// That by one standard deviation of the pose [m].
         sigma_m: f64,
     },
-    /// The start is not finite, or its covariance not positive.
+    /// The start is no pose, or its covariance none.
     #[error("the start or its covariance is not finite and positive")]
     BadStart,
 }
@@ -148,11 +141,11 @@ const BINS: i64 = 48;
 /// What fewer of them scatter by says too little.
 const MIN_CELLS: f64 = 12.0;
 
-/// Registers `cloud` on `surface` from `start`. `start_covariance` is of δ in `start` ∘ exp(δ); it enters as a
-/// measurement, and decides which levels of the surface are tried.
+/// Registers `cloud`, whose points lie about where `start` takes them, on `surface`. `start_covariance` is of δ in `start` ∘ exp(δ); it enters as a measurement, and decides which
+/// levels of the surface are tried.
 ///
 /// # Errors
-/// See [`RegistrationError`]; a pose that was not verified to fit is never returned.
+/// See [`RegistrationError`]: no pose is given that was not seen to fit.
 pub fn register(
     cloud: &[SurfacePoint],
     surface: &impl Surface,
@@ -320,7 +313,7 @@ impl Fit<'_> {
         self.points.iter().filter_map(pair).collect()
     }
 
-    /// New pairs, each with its weight, zero for outliers. `None`: too few of them.
+    /// Pairs anew, each with its weight, zero for outliers. `None`: too few of them.
     fn weighted(&self, surface: &impl Surface, level: usize) -> Option<Weighted> {
         let pairs = self.pairs(surface, level);
         if pairs.len() < self.options.min_pairs.max(6) {
@@ -344,7 +337,7 @@ impl Fit<'_> {
         (n_inliers >= 6).then_some(Weighted { pairs, weights, misfit, n_inliers })
     }
 
-    /// New pairs, and one step of weighted least squares. `None`: too few pairs.
+    /// Pairs anew, and one step of weighted least squares. `None`: too few pairs.
     fn step(&mut self, surface: &impl Surface, level: usize) -> Option<Solved> {
         let weighted = self.weighted(surface, level)?;
         let Weighted { misfit, n_inliers, .. } = weighted;

@@ -1,18 +1,15 @@
-//! Visual hulls: the voxels that silhouettes leave, with surface, connected components and colours.
+//! Voxels that silhouettes leave over: a hull, its surface, its parts, its colours.
 //!
 //! Source: R. Szeliski, "Rapid octree construction from image sequences", CVGIP 58(1), 1993; used as in [Mikić 2001 §2].
 //!
-//! *Definition.* A voxel counts in a view when its **centre** projects (lens included) onto the view's picture; it is body there when that
-//! pixel is. It is kept when it counts in at least `min_views` views and is background in at most `may_err` of these. There is no sampling
+//! *Definition.* A voxel counts in a view when its **centre** projects (lens and all) onto the view's picture; it is body there when the pixel that the
+//! centre falls into is. It is kept when it counts in at least `min_views` views and is background in at most `may_err` of these. There is no sampling
 //! within a voxel. The projection is in single precision, so that a centre within some 0.001 px of the border of a pixel may count for its neighbour
-//! (`tests` compare it with double precision).
+//! (`tests` hold it against the same in double precision).
 //!
-//! *How a whole cube is decided.* With (u, v) = (X/Z, Y/Z) of its middle, no centre of it is further from u than max
-//! |dX − u dZ| / (Z − max |dZ|); the
-//! lens maps that interval to one of pixels (`view`), and a table of sums over the silhouette's bounding box gives
-//! with four look-ups how many of these pixels are
-//! body. A view that has decided for a cube is not evaluated inside it again. Cubes that no view decides are halved,
-//! down to 4 × 4 × 4 voxels, which are
+//! *How a cube is decided at once.* With (u, v) = (X/Z, Y/Z) of its middle, no centre of it is further from u than max |dX − u dZ| / (Z − max |dZ|); the
+//! lens maps that interval to one of pixels (`view`), and a table of sums over the silhouette's bounding box says in four readings how many of these pixels are
+//! body. A view that has decided for a cube is asked no more inside it. What no view can decide is halved, down to 4 × 4 × 4 voxels, which are
 //! projected one by one. Nothing is tabulated by place, so that a camera may turn between two pictures.
 
 mod bits;
@@ -38,29 +35,29 @@ pub use parts::{Part, Parts};
 
 use crate::Camera;
 
-/// A grid of cubic voxels.
+/// A grid of cubes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelGrid {
-    /// Corner of voxel (0, 0, 0) with the least x, y and z [m].
+    /// The corner of cube (0, 0, 0) that is least in x, y and z [m].
     pub origin: Point3<f64>,
-    /// Edge of a voxel [m].
+    /// Edge of a cube [m].
     pub size: f64,
-    /// Number of voxels along x, y, z.
+    /// Cubes along x, y, z.
     pub cells: [u32; 3],
 }
 
-/// Most voxels along an axis: indices are 16-bit numbers.
+/// Cubes along an axis, at most: indices are 16-bit numbers.
 pub const MOST_CELLS: u32 = 1 << 16;
 /// Cubes in all, at most: a bit each, and what they are worth in two bytes, is 4.5 GiB.
 const MOST_VOXELS: u64 = 1 << 31;
-/// Most views.
+/// Views, at most.
 pub const MOST_VIEWS: usize = 255;
 
 impl VoxelGrid {
-    /// The grid of voxels of `size` that covers the box from `min` to `max`, starting at `min`.
+    /// The grid of cubes of `size` that covers the box from `min` to `max`, from `min` on.
     ///
     /// # Errors
-    /// An invalid size or box, or too many voxels.
+    /// A size or a box that is none, or too many cubes.
     pub fn covering(min: Point3<f64>, max: Point3<f64>, size: f64) -> Result<VoxelGrid, CarveError> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(CarveError::Size { found: size });
@@ -79,37 +76,37 @@ impl VoxelGrid {
         Ok(VoxelGrid { origin: min, size, cells: [x as u32, y as u32, z as u32] })
     }
 
-    /// The centre of a voxel [m].
+    /// The centre of a cube [m].
     pub fn centre(&self, index: [u32; 3]) -> Point3<f64> {
         self.origin + Vector3::from(index.map(|it| f64::from(it) + 0.5)) * self.size
     }
 }
 
-/// The silhouette of one camera.
+/// What one camera saw.
 #[derive(Debug, Clone, Copy)]
 pub struct SilhouetteView<'a> {
-    /// Model and pose of the camera.
+    /// Its model and where it stood.
     pub camera: &'a Camera,
-    /// Columns of the camera's image to the left of the silhouette [px].
+    /// Columns of the camera's picture to the left of the silhouette [px].
     pub left: u32,
-    /// Rows of the camera's image above the silhouette [px].
+    /// Rows above it [px].
     pub top: u32,
-    /// Width and height of one of its pixels in camera pixels, at least 1.
+    /// How many of the camera's pixels each of its pixels is wide and high, at least 1.
     pub shrink: u32,
-    /// Width [px].
+    /// Columns [px].
     pub width: u32,
-    /// Height [px].
+    /// Rows [px].
     pub height: u32,
-    /// Confidence of each pixel, one byte, row by row: body from [`BODY`] on.
+    /// One byte a pixel, row by row: body from [`BODY`] on.
     pub confidence: &'a [u8],
 }
 
-/// Options of carving.
+/// When a voxel is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CarveOptions {
-    /// Number of views that may wrongly call a voxel background.
+    /// Views that may call a voxel background although it is body.
     pub may_err: usize,
-    /// Least number of views in whose picture a voxel must lie; 0, or more than there are: all.
+    /// Views in whose picture a voxel has to lie; 0, or more than there are: in all.
     pub min_views: usize,
 }
 
@@ -123,67 +120,66 @@ impl CarveOptions {
 /// Why nothing can be carved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CarveError {
-    /// An invalid size of a voxel.
+    /// An edge of a cube that is none.
     #[error("a voxel of {found} m, expected more than 0 m")]
     Size {
-        /// Size that was found [m].
+        /// What it was [m].
         found: f64,
     },
     /// A box without inside.
-    #[error("a volume from {min} to {max} m, expected the smaller corner first")]
+    #[error("a volume from {min} to {max} m, expected one with an inside")]
     Volume {
-        /// Least corner of the box [m].
+        /// Its least corner [m].
         min: Point3<f64>,
-        /// Greatest corner of the box [m].
+        /// Its greatest corner [m].
         max: Point3<f64>,
     },
-    /// Too many voxels for memory and indices.
+    /// More than memory and indices hold.
     #[error("{} x {} x {} voxels of {size} m, expected at most 65536 along an axis and 2^31 in all", cells[0], cells[1], cells[2])]
     TooMany {
-        /// Number along x, y, z.
+        /// Along x, y, z.
         cells: [f64; 3],
-        /// Edge of a voxel [m].
+        /// Edge of a cube [m].
         size: f64,
     },
-    /// A silhouette with a wrong number of bytes.
+    /// A silhouette whose bytes are not what its size promises.
     #[error("view {view} has {found} bytes, expected {expected} for its {width} x {height} px")]
     Length {
-        /// Index of the view.
+        /// Its place in the list.
         view: usize,
-        /// Width [px].
+        /// Columns [px].
         width: u32,
-        /// Height [px].
+        /// Rows [px].
         height: u32,
-        /// Bytes that were expected.
+        /// Bytes that its size asks for.
         expected: usize,
-        /// Bytes that were found.
+        /// Bytes that it has.
         found: usize,
     },
-    /// No view, or too many.
+    /// No view, or more than can be counted.
     #[error("{found} views, expected 1 to 255")]
     Views {
-        /// Number of views.
+        /// How many.
         found: usize,
     },
-    /// As many views may err as there are.
+    /// Rules that no voxel can keep.
     #[error("{may_err} of {n_views} views may err, expected fewer than there are")]
     Rules {
         /// Views that may err.
         may_err: usize,
-        /// Number of views.
+        /// Views that there are.
         n_views: usize,
     },
 }
 
-/// Whether a voxel centre is kept, by the definition, in double precision, without tables or octree: slow, for tests
-/// of [`Carver`]. Returns the number of views in whose picture the centre lies, and how many of them call it
-/// background; `None` where it is not kept.
+/// Whether a voxel centre is kept, by the definition, in double precision, without any table or octree: slow, and what [`Carver`] is held against.
+/// The views in whose picture it lies, and those of them that call it background, or nothing.
 pub fn keeps(centre: &Point3<f64>, views: &[SilhouetteView], options: &CarveOptions) -> Option<(usize, usize)> {
     let (seen, dissent) = opinions(centre, views);
     (seen >= options.least(views.len()) && dissent <= options.may_err && dissent < seen).then_some((seen, dissent))
 }
 
-/// The number of views in whose picture a voxel centre lies, and how many of them do not call it body.
+/// The views in whose picture a voxel centre lies, and those of them that do not call it body.
 pub fn opinions(centre: &Point3<f64>, views: &[SilhouetteView]) -> (usize, usize) {
     let (mut seen, mut dissent) = (0, 0);
     for view in views {

@@ -1,4 +1,4 @@
-//! Joins saddles to the grid of a chessboard's corners.
+//! Saddles that lie as the corners of a chessboard do.
 
 use std::collections::{BTreeMap, VecDeque};
 

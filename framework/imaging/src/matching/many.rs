@@ -11,7 +11,7 @@ use super::template::{Template, Unknowns};
 use super::two::{Compared, MatchBuffers, compare, compose};
 use super::{MatchOptions, Refused, Warp};
 
-/// The place of a point of given depth in one picture.
+/// Where a picture sees the point of some depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// Column, row [px].
@@ -20,12 +20,12 @@ pub struct Place {
     pub by_depth: [f64; 2],
 }
 
-/// A match in several pictures: the depth of the point, and its place in each picture.
+/// What a match in several pictures found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpaceMatch {
     /// In the unit of the caller's `place`.
     pub depth: f64,
-    /// Standard deviation of the depth.
+    /// Of the depth.
     pub variance: f64,
     /// By picture: its warp, and its correlation with the template; `None` for one that was left out, with the reason.
     pub pictures: Vec<Result<(Warp, f64), Refused>>,

@@ -1,4 +1,4 @@
-//! Faults of a set of pictures, and their messages.
+//! What can be wrong with a set of pictures, and how it is said.
 
 mod words;
 
@@ -6,141 +6,141 @@ use std::fmt;
 
 use super::code::{Axis, Shown, StripeCode};
 
-/// With this many bits of an axis that fit no Gray code, the pictures are not in the stated order: a missing, wrong or misplaced picture spoils its own bit and one more, two swapped ones spoil up to four.
+/// So many bits of an axis that fit no Gray code say that the pictures are not those of the stated order: a picture that is missing, wrong or in another's place spoils its own bit and one more, two that are exchanged up to four.
 const OTHER_SET: usize = 5;
 
-/// A fault of a set of pictures, as [`examine`](super::examine::examine) finds it. Pictures are numbered in their order, from 0; [`SetFault::describe`] says it to a person.
+/// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SetFault {
-    /// The set has more or fewer pictures than the code.
+    /// Another number of pictures than the code has.
     Count {
-        /// Pictures in the set.
+        /// How many there are.
         found: usize,
-        /// Pictures of the code.
+        /// How many the code has.
         expected: usize,
-        /// The first picture that is not the inverse of its neighbour, where nothing else is known.
+        /// The first one that is not the inverse that stands before or after it, where nothing else is known.
         unpaired: Option<usize>,
-        /// Whether the missing or extra pictures are known: each is then a fault of its own.
+        /// Whether it is known which are missing or too many: each is a fault of its own.
         is_explained: bool,
     },
     /// A picture could not be read.
     Unreadable {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it should show.
         shown: Shown,
     },
-    /// A picture of the code is missing from the set.
+    /// No picture shows this.
     Missing {
-        /// What it should show.
+        /// What.
         shown: Shown,
-        /// The picture after which it should come; `None` at the beginning.
+        /// The picture after which it should stand; `None` at the beginning.
         after: Option<usize>,
-        /// Whether the inverse may be missing instead.
+        /// Whether it may be its inverse instead.
         or_inverse: bool,
     },
-    /// Pictures of some of these bits or of their inverses are missing; which ones cannot be determined.
+    /// Pictures of some of these bits or their inverses lack: nothing tells which.
     MissingBits {
-        /// Their axis.
+        /// Of which axis.
         axis: Axis,
         /// The bits.
         planes: Vec<u32>,
-        /// Number of missing pictures.
+        /// How many pictures lack.
         pictures: usize,
     },
-    /// The polarity of a bit with one missing picture was resolved from image orientation; wrong if the pictures are mirrored.
+    /// Which of the two pictures of a bit lacks is told by the way in which columns and rows run in the picture.
     ByWay {
-        /// Its axis.
+        /// Of which axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// Both pictures of the finest bit are missing, inferred from the width of the stripes in the picture.
+    /// That both pictures of the finest bit lack, and not those of another one, is told by how wide stripes of columns and rows are in the picture.
     ByWidth {
-        /// Its axis.
+        /// Of which axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// Both pictures of a bit are missing and were reconstructed from the other bits and the other axis; wrong if the pictures are mirrored.
+    /// Both pictures of a bit lack, and the other bits and the other axis tell what they would show.
     Unfolded {
-        /// Its axis.
+        /// Of which axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// Phase steps of an axis are missing; which ones cannot be determined.
+    /// Phase steps of an axis lack: nothing tells which.
     MissingSteps {
-        /// Their axis.
+        /// Of which axis.
         axis: Axis,
-        /// Number of missing pictures.
+        /// How many pictures lack.
         pictures: usize,
     },
     /// No picture shows the stripes of an axis.
     NoAxis {
-        /// The axis concerned.
+        /// Which axis.
         axis: Axis,
         /// How many pictures it has.
         pictures: usize,
     },
-    /// A picture that does not belong to the set.
+    /// A picture for which there is no place.
     Extra {
-        /// The picture.
+        /// Which.
         picture: usize,
         /// What it shows, where that is known.
         shown: Option<Shown>,
     },
-    /// A picture shows other stripes than it should.
+    /// A picture shows something else than it should.
     Shows {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it shows.
         found: Found,
         /// What it should show.
         expected: Shown,
     },
-    /// Two pictures are swapped.
+    /// Two pictures stand in each other's places.
     Exchanged {
-        /// The pictures.
+        /// Which.
         pictures: [usize; 2],
         /// What they should show.
         expected: [Shown; 2],
-        /// Whether the set is sound with both in their places, and is decoded that way.
+        /// Whether the set is sound with both in their places, and is decoded so.
         mended: bool,
     },
-    /// The pictures are in another order than stated.
+    /// The set has another order.
     OtherOrder {
-        /// The code with the order that fits.
+        /// A code of that order.
         code: Box<StripeCode>,
     },
     /// A picture is a negative: dark where it should be bright, by all gray levels.
     Negative {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it should show.
         shown: Shown,
-        /// Whether it is inverted before decoding.
+        /// Whether it is turned back by calculation.
         mended: bool,
     },
-    /// The whole of a picture is brighter or darker than the others.
+    /// A picture is brighter or darker than the others all over.
     Exposed {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it should show.
         shown: Shown,
-        /// Its brightness over that of the others [–].
+        /// How many times as bright [–].
         factor: f64,
     },
-    /// Pictures are brighter or darker than most; brightness is equalised before decoding.
+    /// Pictures are brighter or darker than most, and are evened out.
     Uneven {
-        /// The pictures, each with its brightness over that of most [–].
+        /// Which, each with how many times as bright [–].
         pictures: Vec<(usize, f64)>,
     },
-    /// The light faded or grew evenly from picture to picture; brightness is equalised before decoding.
+    /// The light faded, or grew, evenly from picture to picture, and pictures are evened out.
     Faded {
         /// The first and the last picture.
         ends: [usize; 2],
-        /// Brightness of the last over that of the first [–].
+        /// How many times as bright as the first the last one is [–].
         factor: f64,
     },
     /// Something moved between two pictures.
@@ -151,40 +151,40 @@ pub enum SetFault {
         first: usize,
         /// The first and the last of those that are used.
         used: [usize; 2],
-        /// The first and the last of the unused pictures between these.
+        /// The first and the last of those between these that are not used either.
         but: Option<[usize; 2]>,
-        /// Brightness added, negative if removed, where a switched light explains the change [gray levels].
+        /// By how much all grew brighter, or darker where negative, where a light that was switched explains it [gray levels].
         light: Option<f64>,
     },
-    /// A light was switched between two pictures; the difference is subtracted before decoding.
+    /// A light was switched between two pictures, and is taken off by calculation.
     Relit {
         /// The last picture before it.
         last: usize,
         /// The first one after it.
         first: usize,
-        /// Brightness added, negative if removed [gray levels].
+        /// By how much all grew brighter, or darker where negative [gray levels].
         by: f64,
     },
-    /// The ambient light differs from picture to picture; the difference is subtracted before decoding.
+    /// The light of the room differs from picture to picture, which is taken off by calculation.
     Unsteady {
-        /// Largest difference from the mean of all pictures, median over the pixels [gray levels].
+        /// From the mean of all pictures, at most, in the middle one of the pixels [gray levels].
         by: f64,
     },
-    /// A picture shows its stripes on another scene than the other pictures.
+    /// A picture shows its stripes on another scene than the others.
     OtherScene {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it should show.
         shown: Shown,
     },
-    /// The pictures are a complete set for a projector of another size.
+    /// The pictures are a whole set for a projector of another size.
     OtherSize {
-        /// Their bits for columns and rows.
+        /// Bits of columns and rows that they have.
         bits: [u32; 2],
         /// How many pictures there are.
         found: usize,
     },
-    /// The pictures are a complete set with another number of phase steps or another period.
+    /// The pictures are a whole set of other phase steps, or of another period.
     OtherWaves {
         /// How many steps they have.
         steps: u32,
@@ -193,18 +193,18 @@ pub enum SetFault {
         /// How many pictures there are.
         found: usize,
     },
-    /// The projector's light is too weak in most of the area that it reaches.
+    /// The projector lights most of what it reaches too weakly.
     Dim {
-        /// Part of the pixels with enough light [–].
+        /// Part of the pixels that it lights well enough [–].
         lit: f64,
-        /// Part of the pixels that the projector reaches [–].
+        /// Part of the pixels that it lights at all [–].
         reached: f64,
-        /// Required white − black [gray levels].
+        /// What is needed [gray levels].
         needed: u8,
     },
     /// A picture of another size than the first.
     Size {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// Its columns and rows [px].
         found: (usize, usize),
@@ -229,59 +229,59 @@ pub enum SetFault {
     },
     /// White is not the brightest picture, or black not the darkest.
     NotWhite {
-        /// Index of the picture.
+        /// Which.
         picture: usize,
         /// What it should show.
         shown: Shown,
         /// Part of the pixels in which another picture is clearly brighter (darker) [–].
         share: f64,
     },
-    /// A picture and its inverse do not add up to white and black.
+    /// A picture and its inverse do not make white and black together.
     NotInverse {
         /// The bit.
         shown: Shown,
         /// Its picture and the inverse.
         pictures: [usize; 2],
-        /// Part of the pixels where they do not [–].
+        /// Part of the pixels in which they do not [–].
         share: f64,
     },
-    /// Picture and inverse of some bits are swapped.
+    /// Bits whose picture and inverse are exchanged.
     Inverted {
-        /// Their axis.
+        /// Which axis.
         axis: Axis,
-        /// The bits.
+        /// Which bits.
         planes: Vec<u32>,
-        /// Whether these are all bits whose polarity can be determined.
+        /// Whether that is all that can be told.
         all: bool,
-        /// Whether the set is sound with these in their places, and is decoded that way.
+        /// Whether the set is sound with these in their places, and is decoded so.
         mended: bool,
     },
-    /// Bits that do not fit the coarser ones.
+    /// Bits that do not fit those before them.
     OutOfPlace {
-        /// The axis concerned.
+        /// Which axis.
         axis: Axis,
-        /// The bits concerned.
+        /// Which bits.
         planes: Vec<u32>,
     },
-    /// Decoded columns (rows) outside the projector.
+    /// Columns (rows) that the projector does not have.
     OutOfRange {
-        /// The axis concerned.
+        /// Which axis.
         axis: Axis,
         /// Part of the pixels that show one [–].
         share: f64,
-        /// Columns (rows) of the projector [px].
+        /// How many the projector has [px].
         side: u32,
     },
-    /// The projector lights hardly any pixel.
+    /// The projector hardly lights anything.
     TooDark {
         /// Part of the pixels that it lights [–].
         lit: f64,
         /// The 95th percentile of white − black [gray levels].
         contrast: u8,
-        /// Required white − black [gray levels].
+        /// What is needed [gray levels].
         needed: u8,
     },
-    /// No picture shows stripes, although the pictures are not dark.
+    /// No picture shows more light anywhere than the others, although they are not dark.
     Alike {
         /// The 95th percentile of the brightest level of a pixel [gray levels].
         level: u8,
@@ -292,9 +292,9 @@ pub enum SetFault {
         /// Part of the pixels that are saturated in all pictures [–].
         saturated: f64,
     },
-    /// Most of the pixels that the projector lights are saturated.
+    /// Most of what the projector lights is saturated.
     TooBright {
-        /// Part of the lit pixels that are saturated [–].
+        /// Part of the lit pixels that are [–].
         saturated: f64,
     },
 }
@@ -318,7 +318,7 @@ impl fmt::Display for Found {
 }
 
 impl SetFault {
-    /// The axes of the pictures concerned; `None` for white, black or the whole set.
+    /// The axes whose pictures it is about; `None` of what concerns white, black or the whole set.
     pub(super) fn axes(&self) -> Option<Vec<Axis>> {
         let of =
             |shown: &[Shown]| Some(shown.iter().filter_map(Shown::axis).collect()).filter(|it: &Vec<_>| !it.is_empty());
@@ -344,12 +344,12 @@ impl SetFault {
         }
     }
 
-    /// Whether the fault makes this axis undecodable; `needs_white` where only white and black determine which pixels are lit.
+    /// Whether this axis cannot be decoded because of it; `needs_white` where nothing but white and black says what is lit.
     pub fn spoils(&self, axis: Axis, needs_white: bool) -> bool {
         let is_of = |shown: &Shown| shown.axis() == Some(axis);
         match self {
             SetFault::Count { is_explained, .. } => !is_explained,
-            // Missing pictures may be reconstructed from the rest; which ones are missing is known.
+            // What is not there may be worked out from the rest, and what lacks is known.
             SetFault::Missing { .. }
             | SetFault::MissingBits { .. }
             | SetFault::MissingSteps { .. }

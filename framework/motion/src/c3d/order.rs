@@ -1,8 +1,8 @@
-//! The three byte orders of C3D, and reads that may run past the end.
+//! Numbers in the three byte orders of C3D, and bytes that may end early.
 
 use super::{C3dError, fault};
 
-/// Byte order and floating-point format of a file.
+/// The processor whose numbers a file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ByteOrder {
     /// Little-endian, IEEE floats.

@@ -1,4 +1,4 @@
-//! Reader of archives from `numpy.savez` and `numpy.savez_compressed`.
+//! Reads archives of arrays, as `numpy.savez` and `numpy.savez_compressed` write them.
 
 use std::io::Read;
 
@@ -7,18 +7,18 @@ use flate2::read::DeflateDecoder;
 /// An archive with more than this, unpacked, is refused [bytes].
 const MOST_BYTES: u64 = 1 << 31;
 
-/// The arrays of an archive, unpacked.
+/// The arrays of an archive, each unpacked.
 #[derive(Debug, Clone, Default)]
 pub struct Arrays {
     files: Vec<(String, Vec<u8>)>,
 }
 
-/// An array of numbers of any type.
+/// Numbers of any type.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers {
-    /// Length along each index.
+    /// How many along each index.
     pub shape: Vec<usize>,
-    /// Values, the last index fastest.
+    /// The last index fastest.
     pub values: Vec<f64>,
 }
 
@@ -56,7 +56,7 @@ impl Arrays {
     /// Unpacks an archive.
     ///
     /// # Errors
-    /// A sentence: what was found and what was expected.
+    /// What is there and what should be, as a sentence.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let broken = || {
             format!(
@@ -121,10 +121,10 @@ impl Arrays {
         }
     }
 
-    /// The array of numbers `name`.
+    /// An array of numbers.
     ///
     /// # Errors
-    /// A sentence: what was found and what was expected.
+    /// What is there and what should be, as a sentence.
     pub fn numbers(&self, name: &str) -> Result<Numbers, String> {
         let (kind, shape, bytes) = self.array(name)?;
         let eight = |it: &[u8]| <[u8; 8]>::try_from(it).unwrap_or_default();
@@ -140,10 +140,10 @@ impl Arrays {
         Ok(Numbers { shape, values })
     }
 
-    /// The list of texts `name`.
+    /// A list of texts.
     ///
     /// # Errors
-    /// A sentence: what was found and what was expected.
+    /// What is there and what should be, as a sentence.
     pub fn texts(&self, name: &str) -> Result<Vec<String>, String> {
         let (kind, shape, bytes) = self.array(name)?;
         let length = kind.strip_prefix("<U").and_then(|it| it.parse::<usize>().ok());

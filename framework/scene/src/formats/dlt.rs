@@ -12,8 +12,7 @@ use foveate_geometry::{Camera, Distortion};
 use nalgebra::{Matrix3, Matrix3x4};
 
 use super::{DltOrigin, ImportOptions, optics};
-use crate::calibration::{Calibration, LengthUnit, NamedCamera};
-use crate::error::{CalibrationDiagnostic, CalibrationError};
+use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
 
 const COEFFICIENTS: usize = 11;
 /// A world whose origin is nearer than this to a camera's own plane has no such coefficients [unit of the world].

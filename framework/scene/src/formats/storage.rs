@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use crate::error::CalibrationDiagnostic;
+use crate::calibration::CalibrationDiagnostic;
 
 /// A file's top-level entries.
 #[derive(Debug, Default)]

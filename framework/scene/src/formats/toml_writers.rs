@@ -5,9 +5,7 @@ use std::fmt::Write as _;
 use foveate_geometry::{Camera, Distortion};
 
 use super::note_ignored_skew;
-use crate::calibration::{Calibration, LengthUnit, NamedCamera};
-use crate::error::CalibrationError;
-use crate::text::quoted;
+use crate::calibration::{Calibration, CalibrationError, LengthUnit, NamedCamera, quoted};
 
 /// `Calib.toml`, `length_unit` added to its metadata.
 pub(crate) fn pose2sim(calibration: &Calibration, lost: &mut Vec<String>) -> String {

@@ -32,7 +32,7 @@ pub(super) enum Order {
     /// −1 wide, 0 stop, 1 tele.
     ZoomDrive(i8),
     FocusAuto(bool),
-    /// Toggles between automatic and manual.
+    /// By itself if it was by hand, and the other way round.
     FocusToggle,
     FocusTo(u16),
     /// −1 far, 0 stop, 1 near.

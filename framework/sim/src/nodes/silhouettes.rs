@@ -22,12 +22,12 @@ ports! {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SilhouettesSettings {
-    /// Capture times, clock and delivery of its silhouettes.
+    /// When it looks, what its clock says, when its silhouettes arrive.
     #[serde(flatten)]
     pub timing: TimingSettings,
 }
 
-/// What the centre of each pixel of its camera sees at the capture time: background or a person of the `studio`, all people as one. With `head` connected it stands on that head.
+/// Whom the middle of each pixel of its camera sees at the capture time, all people of the `studio` as one. With `head` connected it stands on that head.
 pub struct SimSilhouettes {
     name: Option<String>,
     id: foveate_messages::CameraId,

@@ -36,7 +36,7 @@ pub use skeleton::{JOINT_NAMES, Joints, N_JOINT_CENTRES};
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
-pub use whole::{RecordingHints, WholeBody};
+pub use whole::{Told, WholeBody};
 
 /// How many LEDs a person wears.
 pub const N_LEDS: usize = 8;

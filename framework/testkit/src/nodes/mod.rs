@@ -43,7 +43,7 @@ impl Message for Number {
     }
 }
 
-/// Registers the nodes of this module.
+/// Makes the nodes of this module known.
 pub fn register(registry: &mut Registry) {
     registry.add::<Counter>();
     registry.add::<Relay>();

@@ -1,11 +1,11 @@
-//! The rotations of one camera over time, and whether the last ones differ from those before.
+//! The turns of one camera over time, and whether the last ones differ from those before.
 //!
-//! A rotation ω of a camera's view moves points p (in the camera) by ω × p. The rotation of a bin is the robust least-squares one (Cauchy's
+//! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
 //! loss, scale from the median), so that a minority of wrong observations does little. Errors of one light in one bin are not independent
 //! (half of it is hidden, something shines beside it): n observations of it are known to no better than σ²/n + `CORRELATED_PX`². The last few turns are compared with the mean of
-//! all before them since the last bump: d = recent − before, reported when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least rotation. The
-//! covariances are widened where the camera's history scatters more than they state. Without a history the calibration is trusted
-//! as stated.
+//! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
+//! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
+//! at its word.
 
 use std::collections::BTreeMap;
 
@@ -17,80 +17,80 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 pub struct TurnOptions {
     /// Length of a bin.
     pub bin: Interval,
-    /// Number of rotations that are compared with those before.
+    /// Turns that are compared with those before.
     pub bins: usize,
-    /// Fewest observations of a bin.
+    /// Observations in a bin.
     pub min_observations: usize,
-    /// Smallest reported rotation [rad].
+    /// Turns told are at least this large [rad].
     pub least: f64,
-    /// Smallest reported shift of lights in the picture, root mean square [px].
+    /// And move lights in the picture by this much at least, root mean square [px].
     pub least_px: f64,
     /// Standard deviation of the calibrated orientation [rad].
     pub calibration: f64,
-    /// Smallest reported rotation in standard deviations.
+    /// Turns told are so many standard deviations large.
     pub sigmas: f64,
 }
 
-/// Pixel of a light minus its prediction from the other cameras.
+/// Where a light was seen less where the others have it.
 #[derive(Debug, Clone, Copy)]
 pub struct Residual {
     /// [px]
     pub error: Vector2<f64>,
-    /// The light.
+    /// Which light.
     pub target: TargetId,
-    /// Covariance of `error`, as if it were independent of all others [px²].
+    /// Of `error`, were it independent of all others [px²].
     pub covariance: Matrix2<f64>,
-    /// Its derivative by a rotation of the camera, in the camera's axes [px/rad].
+    /// Its derivative by a turn of the camera, in the camera's axes [px/rad].
     pub by_turn: Matrix2x3<f64>,
 }
 
-/// The rotation of a camera in one bin.
+/// The turn of a camera in one bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turn {
     /// Start of the bin.
     pub at: Time,
     /// About the camera's x (down or up: tilt), y (pan) and z (roll) [rad].
     pub turn: Vector3<f64>,
-    /// Inverse covariance of `turn` [rad⁻²].
+    /// Inverse covariance of that [rad⁻²].
     pub information: Matrix3<f64>,
-    /// Number of observations.
+    /// What it was made of.
     pub observations: usize,
     /// Length in the picture of a turn by 1 rad about each axis, root mean square, as Σ JᵀJ / n [px²/rad²].
     pub squared_px: Matrix3<f64>,
 }
 
-/// The last rotations compared with those before.
+/// The last turns against those before.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// Start of the first bin after it.
     pub at: Time,
-    /// Rotation of the world in the camera's view [rad].
+    /// By how much the world turned before the camera [rad].
     pub turn: Vector3<f64>,
-    /// Rotation before that [rad].
+    /// How it was turned before that [rad].
     pub before: Vector3<f64>,
-    /// The difference in standard deviations.
+    /// How many standard deviations that is.
     pub sigmas: f64,
-    /// Number of bins that show it.
+    /// In how many bins it shows.
     pub bins: usize,
-    /// Root mean square shift in the picture [px].
+    /// Root mean square length of it in the picture [px].
     pub shift_px: f64,
 }
 
-/// Rotations kept for comparison: two minutes of half seconds.
+/// Turns kept for comparison: two minutes of half seconds.
 const LONGEST_HISTORY: usize = 240;
-/// With fewer rotations before, the calibration is used instead.
+/// With fewer turns before, the calibration stands in for them.
 const LEAST_HISTORY: usize = 4;
 /// Median of χ² with three degrees of freedom.
 const MEDIAN_CHI2: f64 = 2.365_974;
-/// Largest plausible rotation of a camera; bounds the estimate where a bin does not constrain it [rad].
+/// No camera is turned by more without anybody noticing; keeps what a bin does not hold from running away [rad].
 const WIDEST: f64 = 0.2;
 const ROUNDS: usize = 12;
 /// Errors that observations of one light in one bin have in common [px].
 const CORRELATED_PX: f64 = 0.15;
-/// A rotation seen on fewer lights is motion of a light rather than of a camera.
+/// A turn that rests on fewer lights is that of a light rather than of a camera.
 const LEAST_TARGETS: usize = 3;
 
-/// The rotations of one camera.
+/// The turns of one camera.
 #[derive(Debug, Clone, Default)]
 pub struct Turns {
     gathered: Vec<Residual>,
@@ -106,7 +106,7 @@ impl Turns {
         self.gathered.push(residual);
     }
 
-    /// Ends the bin that began at `at`. `None` when too little was seen; the bin is discarded then.
+    /// Ends the bin that began at `at`. `None` when too little was seen; what was seen is forgotten.
     pub fn close(&mut self, at: Time, options: &TurnOptions) -> Option<Turn> {
         let targets = self.weigh();
         let is_enough = self.gathered.len() >= options.min_observations && targets >= LEAST_TARGETS;
@@ -119,19 +119,19 @@ impl Turns {
         turn
     }
 
-    /// Forgets everything.
+    /// Forgets all.
     pub fn forget(&mut self) {
         self.gathered.clear();
         self.history.clear();
     }
 
-    /// Forgets everything before `time`: the camera has another orientation since then.
+    /// Forgets all before `time`: the camera stands otherwise since then.
     pub fn forget_before(&mut self, time: Time) {
         self.history.retain(|it| it.at >= time);
     }
 
-    /// The last rotations compared with those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
-    /// `is_void`: the camera was or may have been bumped before, so that its calibrated orientation is invalid.
+    /// The last turns against those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
+    /// `is_void` says that the camera was bumped before, or may have been: what the calibration says of it holds no more.
     pub fn change(&self, now: Time, is_void: bool, options: &TurnOptions) -> Option<Change> {
         let n = self.history.len();
         let (before, recent) = self.history.split_at(n.checked_sub(options.bins)?);
@@ -160,12 +160,12 @@ impl Turns {
         Some(Change { at, turn, before: mean, sigmas, bins, shift_px })
     }
 
-    /// Number of rotations of bins that began after `time`.
+    /// Turns known of bins that began after `time`.
     pub fn count_after(&self, time: Time) -> usize {
         self.history.iter().filter(|it| it.at > time).count()
     }
 
-    /// Rotation of the camera relative to `before`, and its root mean square shift of lights in the picture, from the bins
+    /// By how much the camera turned from `before` on, and how far that moves lights in its picture (root mean square), from the bins
     /// after the one that began at `time`, or from that one while there is no other.
     pub fn turned_since(&self, time: Time, before: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
         let first = self.history.iter().position(|it| it.at >= time)?;
@@ -176,7 +176,7 @@ impl Turns {
         Some((turn, turn.dot(&(squared_px * turn)).max(0.0).sqrt()))
     }
 
-    /// Computes the weights; returns the number of lights.
+    /// Weighs what was gathered; how many lights it is of.
     fn weigh(&mut self) -> usize {
         let mut counts: BTreeMap<TargetId, f64> = BTreeMap::new();
         for it in &self.gathered {
@@ -234,7 +234,7 @@ impl Turns {
     }
 }
 
-/// The mean of rotations by their information, with its covariance.
+/// The mean of turns by their information, with its covariance.
 fn mean(turns: &[Turn]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     let (mut information, mut sum) = (Matrix3::zeros(), Vector3::zeros());
     for it in turns {
@@ -245,7 +245,7 @@ fn mean(turns: &[Turn]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     Some((covariance * sum, covariance))
 }
 
-/// Factor of the variance by which rotations scatter about their mean more than their covariances state, at least 1.
+/// By how much turns scatter about their mean more than their covariances say, as a factor of the variance, at least 1.
 fn scatter(turns: &[Turn], mean: &Vector3<f64>) -> f64 {
     let square = |it: &Turn| (it.turn - mean).dot(&(it.information * (it.turn - mean)));
     let mut squares: Vec<f64> = turns.iter().map(square).collect();

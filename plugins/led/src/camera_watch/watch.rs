@@ -1,9 +1,9 @@
-//! Checks each camera against the positions of lights by the others.
+//! All cameras, each judged by the lights as the others have them.
 //!
-//! A target only associates features: its position is triangulated again for each camera from its features in
-//! the *other* cameras, just before and just after, between which its path is straight. (The target's velocity is not used,
-//! since a bumped camera biases it.) A camera that the rest contradicts is left out. A feature counts only when it is the one feature
-//! near a target, and that target the only one near: other lights, glints and crossing targets are left out.
+//! A target says which features belong together, and no more: where it is, is found anew for each camera from the features of it in
+//! the *other* cameras, just before and just after, between which its path is straight. (Nothing is carried by the target's velocity,
+//! at which a bumped camera pulls.) A witness that the rest contradicts is left out. A feature counts only when it is the one feature
+//! near a target, and that target the only one near: other lights, glints and crossing targets drop out rather than being guessed at.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -18,32 +18,32 @@ use super::turns::{Change, Residual, TurnOptions, Turns};
 /// See [`super::CameraWatchSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WatchOptions {
-    /// Options of the rotations.
+    /// About the turns.
     pub turns: TurnOptions,
-    /// Largest angle between a feature and its target [rad].
+    /// How far a feature may be from its target [rad].
     pub gate: f64,
-    /// Longest time between the two features of another camera between which a target is triangulated.
+    /// How far apart the two features of another camera may be between which a target is placed.
     pub max_age: Interval,
 }
 
-/// Cameras that were bumped.
+/// Cameras that no longer stand as they stood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bump {
-    /// The bumped camera; several where it is ambiguous.
+    /// Which; one of these, where it is several.
     pub cameras: Vec<usize>,
-    /// Start of the first bin that shows it.
+    /// Since when: the start of the first bin that shows it.
     pub at: Time,
-    /// Time at which it was certain.
-    pub detected_at: Time,
-    /// Rotation of the world in its view, about its own x (tilt), y (pan) and z (roll); of the likeliest camera [rad].
+    /// When that was plain.
+    pub told_at: Time,
+    /// By how much the world turned before it, about its own x (tilt), y (pan) and z (roll); of the likeliest one [rad].
     pub turn: Vector3<f64>,
-    /// Shift of lights in its picture, root mean square [px].
+    /// How far lights moved in its picture, root mean square [px].
     pub shift_px: f64,
-    /// The rotation in standard deviations.
+    /// How many standard deviations that is.
     pub sigmas: f64,
 }
 
-/// A rotation of a camera, for the table.
+/// A turn of a camera, for the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// Start of its bin.
@@ -54,31 +54,31 @@ pub struct Row {
     pub turn: Vector3<f64>,
     /// Standard deviation about the worst known axis [rad].
     pub sigma: f64,
-    /// Number of observations.
+    /// What it was made of.
     pub observations: usize,
-    /// Distance of it and those just before it from the history in standard deviations; NaN without a history.
+    /// How far it and those just before it are from the history; NaN without one.
     pub sigmas: f64,
 }
 
-/// A change with this share of the significance of the largest is also a candidate.
+/// Of the most certain change, a change this part as certain is as good a candidate.
 const AS_GOOD: f64 = 0.67;
-/// Changes in fewer bins are temporary.
+/// What shows in fewer bins passes again.
 const LASTING: usize = 2;
-/// Bins to wait until candidates can be distinguished.
+/// Bins to wait for candidates to come apart.
 const PATIENCE: u32 = 4;
-/// A bump's size is averaged over this many rotations after it, once these are known.
+/// A bump's size is taken from as many turns after it, once these are known.
 const SETTLED: usize = 4;
-/// Fewer supporting cameras than this may all be biased by one of them.
+/// Fewer witnesses than this may all be led astray by one of them.
 const CERTAIN: usize = 3;
-/// Above this normalised squared distance a supporting camera is left out, if others remain.
+/// A squared distance beyond this many variances and a witness is left out, if others remain.
 const CONTRADICTS: f64 = 16.0;
-/// Pixel errors that are in no covariance, mostly of the lens model [px].
+/// Errors of pixels that no covariance states: the lens model, mostly [px].
 const UNSTATED_PX: f64 = 0.1;
-/// Acceleration of a light between two pictures of a camera, standard deviation [m/s²]: as of arms and legs.
+/// How much a light is accelerated between two pictures of a camera, standard deviation [m/s²]: arms and legs do as much.
 const ACCELERATION: f64 = 10.0;
 /// Features that wait for their targets; more are forgotten.
 const MOST_WAITING: usize = 4096;
-/// Targets without a message for this long are forgotten.
+/// Targets not heard of for this long are forgotten.
 const FORGOTTEN: Interval = Interval(2_000_000_000);
 
 #[derive(Debug, Clone, Copy)]
@@ -93,17 +93,17 @@ struct Observation {
 struct Seen {
     /// By camera, in the order of time.
     observations: Vec<VecDeque<Observation>>,
-    /// Time of its last observation by any camera.
+    /// When some camera last observed it.
     measured: Time,
 }
 
-/// A feature that waits for the others' next ones.
+/// A feature that is judged as soon as the others' next ones are known.
 #[derive(Debug, Clone, Copy)]
 struct Pending {
     camera: usize,
     target: TargetId,
     observation: Observation,
-    /// Approximate position of the target.
+    /// About where the target is.
     near: Point3<f64>,
 }
 
@@ -112,12 +112,12 @@ struct Pending {
 pub struct Watch {
     options: WatchOptions,
     cameras: Vec<Camera>,
-    /// Present cameras, corrected for bumps, for associating features with lights.
+    /// As they are believed to stand now: tells which feature is which light once a camera was bumped.
     stand: Vec<Camera>,
     turns: Vec<Turns>,
-    /// Cameras that are not used for triangulation any more.
+    /// No witness any more.
     is_out: Vec<bool>,
-    /// Cameras whose calibrated orientation is invalid: bumped, or possibly so.
+    /// What the calibration says of its orientation holds no more: it was bumped, or may have been.
     is_void: Vec<bool>,
     observations: Vec<u64>,
     waiting: Vec<(Time, Arc<Features>)>,
@@ -128,11 +128,11 @@ pub struct Watch {
     bin: Option<Time>,
     patience: u32,
     bumps: Vec<Bump>,
-    /// Bumps whose size is not final: camera, and its rotation before.
+    /// Of bumps whose size is still to be settled: which, and how the camera was turned before.
     unsettled: Vec<(usize, Vector3<f64>)>,
-    /// By camera: number of observations of the open bin with fewer than [`CERTAIN`] supporting cameras, and of all.
+    /// By camera: how many observations of the open bin had fewer than [`CERTAIN`] witnesses, of how many.
     thin: Vec<[usize; 2]>,
-    /// By camera: the cameras used for its residuals in the open bin.
+    /// By camera: who was a witness in the open bin.
     asked: Vec<Vec<bool>>,
     rows: Vec<Row>,
     witnesses: Vec<usize>,
@@ -169,12 +169,12 @@ impl Watch {
         }
     }
 
-    /// Bumps reported so far.
+    /// What was told so far.
     pub fn bumps(&self) -> &[Bump] {
         &self.bumps
     }
 
-    /// All rotations so far.
+    /// All turns so far.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
@@ -184,7 +184,7 @@ impl Watch {
         &self.observations
     }
 
-    /// Takes in a camera's features at `time`.
+    /// Takes in what a camera saw at `time`.
     pub fn add_features(&mut self, time: Time, features: Arc<Features>) {
         if usize::from(features.camera.0) >= self.cameras.len() {
             return;
@@ -203,7 +203,7 @@ impl Watch {
         }
     }
 
-    /// Takes in the targets, after the features of their time.
+    /// Takes in the targets after what was seen at their time.
     pub fn add_targets(&mut self, targets: Arc<Targets>) {
         let time = targets.time;
         let mut waiting = std::mem::take(&mut self.waiting);
@@ -216,7 +216,7 @@ impl Watch {
         self.targets = Some(targets);
     }
 
-    /// Checks all waiting features, and ends the open bin.
+    /// Judges what waits, and ends the bin that is open.
     pub fn finish(&mut self) {
         if let Some(last) = self.pending.back() {
             self.judge_until(last.observation.time);
@@ -226,7 +226,7 @@ impl Watch {
         }
     }
 
-    /// Stores a camera's features of each target, for its own check and those of others.
+    /// Keeps what a camera saw of each target, to be judged and to judge others by.
     fn look(&mut self, time: Time, features: &Features, targets: &Targets) {
         let own = usize::from(features.camera.0);
         let model = &self.stand[own];
@@ -262,7 +262,7 @@ impl Watch {
         }
     }
 
-    /// Checks features up to `until`, for which the others' features have come.
+    /// Judges what was seen up to `until`, after which the others were heard of as well.
     fn judge_until(&mut self, until: Time) {
         while let Some(next) = self.pending.front().filter(|it| it.observation.time <= until).copied() {
             self.pending.pop_front();
@@ -284,7 +284,7 @@ impl Watch {
         }
     }
 
-    /// Compares a feature with the position of its target by the others.
+    /// Compares what a camera saw with what the others make of it.
     fn judge(&mut self, pending: &Pending) {
         let own = pending.camera;
         let Some(placed) = self.place_without(pending) else { return };
@@ -304,7 +304,7 @@ impl Watch {
         self.witnesses.iter().for_each(|it| self.asked[own][*it] = true);
     }
 
-    /// The target's position by all other cameras; `None` if fewer than two agree.
+    /// Where the target was by all other cameras; `None` if fewer than two agree.
     fn place_without(&mut self, pending: &Pending) -> Option<Triangulation> {
         let time = pending.observation.time;
         let seen = self.seen.get(&pending.target)?;
@@ -357,7 +357,7 @@ impl Watch {
         }
     }
 
-    /// Ends the bin that began at `at`, and reports changes.
+    /// Ends the bin that began at `at`, and tells what changed.
     fn close(&mut self, at: Time) {
         let options = self.options.turns;
         let thin = std::mem::replace(&mut self.thin, vec![[0; 2]; self.cameras.len()]);
@@ -431,14 +431,14 @@ impl Watch {
         self.bumps.push(Bump {
             cameras: candidates,
             at: change.at,
-            detected_at: at + options.bin + self.options.max_age,
+            told_at: at + options.bin + self.options.max_age,
             turn: change.turn,
             shift_px: change.shift_px,
             sigmas: change.sigmas,
         });
     }
 
-    /// Finalises the size of bumps from rotations after them.
+    /// States the size of bumps from turns after them.
     fn settle(&mut self) {
         self.unsettled.retain(|(index, before)| {
             let bump = &mut self.bumps[*index];
@@ -454,7 +454,7 @@ impl Watch {
     }
 }
 
-/// `camera` with the world in its view rotated by `turn`.
+/// `camera` when the world has turned by `turn` before it.
 fn turned(camera: &Camera, turn: &Vector3<f64>) -> Camera {
     let turn = Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(*turn));
     Camera { camera_from_world: turn * camera.camera_from_world, ..camera.clone() }

@@ -1,27 +1,27 @@
-//! The offset between two cameras' clocks without a prior: every offset and rate is tried on lines of sight that should meet.
+//! How far two cameras' clocks are apart, from nothing: every offset and rate is tried on lines of sight that should meet.
 //!
 //! For each offset and rate the gain is the mean of max(0, 1 − (miss / tolerance)²) over the times at which both cameras see the
-//! target. The score is the excess of the gain over its mean over all trials, times the root of the number of times: a long
+//! target. What counts is by how much the gain exceeds its mean over all trials, times the root of the number of times: a long
 //! stretch that agrees beats a short one, and a target that hardly moves agrees with every offset and so with none.
 
 use nalgebra::Vector3;
 
 use super::bearings::{Bearings, miss};
 
-/// Options of the search.
+/// What to try.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOptions {
-    /// Largest offset, in both directions [s].
+    /// Offsets up to this, either way [s].
     pub max_offset_s: f64,
-    /// Largest difference of the rate from 1, in both directions [–].
+    /// Rates up to this from 1, either way [–].
     pub max_rate: f64,
-    /// Step between offsets [s].
+    /// Between offsets [s].
     pub step_s: f64,
-    /// Largest angle by which lines of sight may miss one another [rad].
+    /// Lines of sight that miss one another by more do not meet [rad].
     pub tolerance_rad: f64,
-    /// How long both must see the target [s].
+    /// For how long both must see the target [s].
     pub min_overlap_s: f64,
-    /// The best offset must exceed chance by this factor more than any other [–].
+    /// The best offset must exceed chance by this much more than any other [–].
     pub min_distinction: f64,
 }
 
@@ -51,18 +51,18 @@ impl PairClock {
     }
 }
 
-/// Why the clocks of two tracks cannot be related.
+/// Why two tracks do not tell their clocks apart.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SearchError {
     /// Cameras in one place, or one that saw nothing.
-    #[error("the cameras are at one place, or one of them saw nothing")]
+    #[error("the cameras stand in one place, or one of them saw nothing")]
     NoBaseline,
     /// At no offset do both see the target for long.
     #[error("at no offset do both see the target for more than {best_s:.1} s, expected {min_s:.1} s")]
     TooShort {
         /// The longest [s].
         best_s: f64,
-        /// The required time [s].
+        /// What is expected [s].
         min_s: f64,
     },
     /// Every offset is as good as any other: the target hardly moves, or along the same plane.

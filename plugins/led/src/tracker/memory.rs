@@ -1,8 +1,8 @@
-//! Re-identification: whether a new target is one that was lost, or has been unseen for a while.
+//! Targets that were lost, or that nobody has seen for a while, and whether a new one is one of them.
 //!
-//! Two kinds of evidence are used. Motion: the new target is within reach of the lost one. Arrangement: its distances to
-//! its neighbours are those of the lost one, as far as these were constant (lights on one limb are, those on two
-//! people do not). Where two lost targets fit equally, none is used: a new identity is less harmful than a wrong one.
+//! Two things speak for it. Motion: the new lies where the lost one can have gone since. Arrangement: its distances to
+//! the targets around it are those that the lost one had, as far as these used to keep (lights on one limb do, those on two
+//! people do not). Where two lost targets fit alike, none is taken up again: a new identity is less harm than a wrong one.
 
 use foveate::estimation::motion::Filter;
 use foveate::messages::{Interval, TargetId, Time};
@@ -13,34 +13,34 @@ use super::track::Track;
 
 /// Distances to this many others are kept.
 const N_NEIGHBOURS: usize = 6;
-/// Farther targets are not neighbours [m].
+/// Others further away are no part of the arrangement [m].
 const NEAR: f64 = 1.0;
 /// Time constant of the mean and the variance of a distance [s].
 const FORGET_S: f64 = 2.0;
-/// Interval between updates of distances.
+/// Distances are looked at this often.
 const PERIOD: Interval = Interval(100_000_000);
-/// Fewest updates of a distance before it is used.
+/// A distance counts once it was looked at this often.
 const ENOUGH_LOOKS: u32 = 5;
-/// Error of a distance besides its own spread, standard deviation [m].
+/// What a distance may be off besides its own spread, standard deviation [m].
 const DISTANCE_SIGMA: f64 = 0.02;
-/// Spread of a distance to an unrelated target, standard deviation [m].
+/// Where any other target may be, standard deviation of a distance [m].
 const ANY_DISTANCE: f64 = 0.5;
-/// Largest evidence of one distance, for or against; in −2 ln of a likelihood.
-const MAX_LOG_LIKELIHOOD: f64 = 6.0;
-/// Evidence of the distances that compensates for an unobserved motion.
+/// No distance says more than this, for or against; in −2 ln of a likelihood.
+const LOUDEST: f64 = 6.0;
+/// So much evidence of the distances makes up for a motion that nobody saw.
 const ARRANGED: f64 = -12.0;
-/// After this time unseen, the direction of motion is no longer used [s].
+/// After this time unseen, the direction of motion says nothing any more [s].
 const HEADING_LASTS_S: f64 = 0.3;
-/// The mean deviation from constant velocity covers this many updates.
+/// The mean of a wander covers this many looks.
 const WANDER_LOOKS: u32 = 20;
-/// Smallest uncertainty of a target's position at its last observation [m].
+/// How well the place of a target is known at best when it is seen last [m].
 const KNOWN_TO: f64 = 0.01;
-/// Updates within the time of constant heading, plus one.
+/// So many looks lie within the time that a heading lasts, one more.
 const LOOKS_BACK: usize = 4;
-/// Prior deviation from constant velocity in that time, each axis, standard deviation [m], and its weight [updates].
+/// How far any target goes astray meanwhile, before it was watched, each axis, standard deviation [m], and what that counts [looks].
 const ANY_WANDER: f64 = 0.15;
 const ANY_LOOKS: f64 = 3.0;
-/// Two lost targets are ambiguous when their costs differ by less.
+/// Two lost targets fit alike when their misfits differ by less.
 const ALIKE: f64 = 2.0;
 
 /// The distance to another target.
@@ -51,20 +51,20 @@ pub(super) struct Neighbour {
     mean: f64,
     /// [m²]
     variance: f64,
-    /// At its last update [m].
+    /// When looked at last [m].
     last: f64,
     /// Mean square of its change [m²/s²].
     change: f64,
     looks: u32,
 }
 
-/// Time, position [m] and velocity [m/s] of a target.
+/// When, where [m] and how fast [m/s] a target was.
 type Look = (Time, Point3<f64>, Vector3<f64>);
 
-/// Observed deviation of a target from constant velocity: a motion model is unreliable for long gaps.
+/// How far a target goes astray from where it was headed, as far as it was watched: what its motion model makes of long gaps is a guess.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Wander {
-    /// Its state at the last updates; the newest last.
+    /// Where it was, and its velocity, at the last looks; the newest last.
     past: SmallVec<[Look; LOOKS_BACK]>,
     /// Mean square of one axis after [`HEADING_LASTS_S`] [m²].
     squared: f64,
@@ -74,7 +74,7 @@ pub(super) struct Wander {
 /// The targets around one.
 pub(super) type Neighbours = SmallVec<[Neighbour; N_NEIGHBOURS]>;
 
-/// A lost target that may be found again.
+/// A target that may come back.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lost {
     pub id: TargetId,
@@ -86,18 +86,18 @@ pub(super) struct Lost {
     wander: Wander,
 }
 
-/// Reach of a lost target.
+/// How far a lost target can have gone.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reach {
-    /// How long it is remembered.
+    /// For how long it is remembered.
     pub remember: Interval,
-    /// Largest distance in standard deviations.
+    /// Largest misfit in standard deviations.
     pub sigma: f64,
-    /// Speed of a target that changes its direction, each axis, standard deviation [m/s].
+    /// Of a target that changes its direction, each axis, standard deviation [m/s].
     pub speed: f64,
 }
 
-/// All targets that may be found again.
+/// All that may come back.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     lost: Vec<Lost>,
@@ -105,7 +105,7 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Updates the distances between `tracks`, at intervals.
+    /// Takes note of the distances between `tracks`, now and then.
     pub fn look(&mut self, tracks: &mut [Track], now: Time) {
         let elapsed = self.looked_at.map(|before| now - before);
         if elapsed.is_some_and(|it| it < PERIOD) {
@@ -155,17 +155,17 @@ impl Memory {
         self.lost.push(Lost::of(track, now));
     }
 
-    /// Remembers `lost` again: the target that got its identity was false.
+    /// Remembers `lost` again: what was taken for it was none.
     pub fn put_back(&mut self, lost: Lost) {
         self.lost.push(lost);
     }
 
-    /// Forgets targets unseen for too long.
+    /// Forgets those unseen for too long.
     pub fn forget(&mut self, now: Time, reach: &Reach) {
         self.lost.retain(|it| now - it.seen_at <= reach.remember);
     }
 
-    /// The lost or unseen target that matches one initiated at `place` [m] with the variance `variance` of each coordinate [m²], if there is one
+    /// The lost or unseen target that one initiated at `place` [m] with the variance `variance` of each coordinate [m²] is, if there is one
     /// and only one.
     pub fn recall(&mut self, newborn: &Newborn<'_>, reach: &Reach) -> Option<Recalled> {
         let lost = self.lost.iter().enumerate();
@@ -200,12 +200,12 @@ pub(super) struct Newborn<'a> {
     pub tracks: &'a [Track],
 }
 
-/// Identity of a new target.
+/// Who a new target is.
 #[derive(Debug)]
 pub(super) enum Recalled {
-    /// A live target without recent observations.
+    /// It lives, unseen.
     Live(TargetId),
-    /// A terminated target.
+    /// It was given up.
     Lost(Box<Lost>),
 }
 
@@ -225,7 +225,7 @@ impl Wander {
         self.past.push((now, place, velocity));
     }
 
-    /// Variance of each coordinate after `unseen_s` [m²].
+    /// Of each coordinate after `unseen_s` [m²].
     fn variance(&self, unseen_s: f64) -> f64 {
         let looks = f64::from(self.looks.min(WANDER_LOOKS));
         let after = (self.squared * looks + ANY_WANDER * ANY_WANDER * ANY_LOOKS) / (looks + ANY_LOOKS);
@@ -246,8 +246,8 @@ impl Neighbour {
         self.last = distance;
     }
 
-    /// Evidence of a distance of `distance`, known with `variance`, after `unseen_s`: −2 ln of its likelihood, less that of
-    /// an unrelated target. The better of two models is used: a constant distance, or one that keeps changing.
+    /// What a distance of `distance`, known with `variance`, says for or against after `unseen_s`: −2 ln of its likelihood, less that of
+    /// any other target's. It keeps to its mean, or it has gone on changing; whichever fits.
     fn evidence(&self, distance: f64, variance: f64, unseen_s: f64) -> f64 {
         let own = DISTANCE_SIGMA * DISTANCE_SIGMA + variance;
         let about = |centre: f64, variance: f64| {
@@ -256,7 +256,7 @@ impl Neighbour {
         };
         let kept = about(self.mean, self.variance);
         let changed = about(self.last, self.change * unseen_s * unseen_s);
-        kept.min(changed).clamp(-MAX_LOG_LIKELIHOOD, MAX_LOG_LIKELIHOOD)
+        kept.min(changed).clamp(-LOUDEST, LOUDEST)
     }
 }
 
@@ -273,7 +273,7 @@ impl Lost {
         }
     }
 
-    /// Squared normalised distance of `new`; `None` where it cannot be this one.
+    /// Squared misfit of `new`; `None` where it cannot be this one.
     fn misfit(&self, newborn: &Newborn<'_>, reach: &Reach) -> Option<f64> {
         let &Newborn { place, variance, now, tracks } = newborn;
         let unseen_s = (now - self.seen_at).as_s();
@@ -301,7 +301,7 @@ impl Lost {
     }
 }
 
-/// From the nearest point of the segment between `from` and `to` to `place` [m].
+/// From the nearest point of the way between `from` and `to` to `place` [m].
 fn off_way(from: &Point3<f64>, to: &Point3<f64>, place: &Point3<f64>) -> Vector3<f64> {
     let way = to - from;
     let part = (place - from).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE);

@@ -1,7 +1,7 @@
-//! Coherence check of measured marks: a surface deforms, but none of its marks jumps among its neighbours.
+//! Whether the marks that were measured lie as they should: a surface bends, but none of its marks jumps among its neighbours.
 //!
-//! A label assigned to another dot in two cameras makes a mark at another depth that no camera contradicts; and where pictures that share few marks are registered wrongly, marks with their
-//! right labels form a shape that the surface never had. Predictions from each mark's neighbours contradict both.
+//! A name that went to another dot in two cameras makes a mark that no camera contradicts, at another depth; and where pictures that share few marks are brought together wrongly, marks that have their
+//! right names come out in a shape that the surface never had. What is known of the surface, carried along by the neighbours of each mark, contradicts both.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,33 +9,33 @@ use nalgebra::Point3;
 
 use super::track_store::carry;
 
-/// Largest distance of a mark from its prediction by its neighbours [m]: less than the spacing of marks.
+/// A mark is at most this far from where its neighbours carry it [m]: less than marks are apart.
 pub(super) const MOST_OFF: f64 = 0.009;
-/// Where a larger share of the marks is farther off, the whole measurement is wrong.
+/// Where more than this share of the marks are farther off, it is the whole that was measured wrongly.
 const MOST_STRAYS: f64 = 0.3;
-/// Fewest marks for the check.
+/// Fewer marks than this tell nothing of one another.
 const LEAST: usize = 6;
-/// Consecutive incoherent moments after which the stored surface is considered wrong: half a second at 30 Hz.
+/// After so many moments in a row at which the whole was wrong, what is known of the surface is: half a second at 30 Hz.
 const PATIENCE: u32 = 15;
 
-/// Result of the check for one moment.
+/// What is to be thought of the marks of one moment.
 #[derive(Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// These marks are elsewhere; the others are coherent.
+    /// These marks are elsewhere; the others lie as they should.
     Strays(BTreeSet<u32>),
-    /// So many marks are elsewhere that the whole moment is rejected.
+    /// So many are elsewhere that nothing of that moment is to be believed.
     Incoherent,
 }
 
-/// Checks the marks of each moment against those before.
+/// Judges the marks of each moment by where they were before.
 #[derive(Default)]
 pub(super) struct Coherence {
-    /// Consecutive rejected moments.
+    /// Moments in a row of which nothing was believed.
     incoherent: u32,
 }
 
 impl Coherence {
-    /// Checks `measured` against the stored positions of marks, by label [m].
+    /// Of `measured`, in the light of where the marks are known to have been, by label [m].
     pub fn judge(&mut self, known: &BTreeMap<u32, Point3<f64>>, measured: &BTreeMap<u32, Point3<f64>>) -> Verdict {
         let common: Vec<(u32, Point3<f64>)> =
             known.iter().filter(|it| measured.contains_key(it.0)).map(|it| (*it.0, *it.1)).collect();

@@ -1,4 +1,4 @@
-//! Gathers the cameras' features and poses of one moment.
+//! Brings together what the cameras report of one moment and where they stood then.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -9,11 +9,11 @@ use foveate::prelude::*;
 use foveate::scene::CalibratedHead;
 use nalgebra::Matrix6;
 
-/// Pictures and poses with a smaller time difference are of one moment [s].
+/// Pictures and poses taken less than this apart are of one moment [s].
 const SAME_S: f64 = 5e-4;
 /// Poses that are kept of each head.
 const POSES: usize = 16;
-/// Sets that wait for poses; beyond that the oldest is used without missing ones.
+/// Sets that wait for poses; then the oldest is worked on with what is there.
 const MOST_WAITING: usize = 3;
 
 /// One camera at one moment.
@@ -35,14 +35,14 @@ struct Set {
     features: Vec<Stamped<Arc<Features>>>,
 }
 
-/// Holds sets until their poses have come.
+/// Waits until the poses of a set are there.
 #[derive(Default)]
 pub(super) struct Gather {
     /// As calibrated; for cameras on heads: at rest.
     cameras: BTreeMap<CameraId, (Camera, Option<CalibratedHead>)>,
     poses: BTreeMap<CameraId, VecDeque<Arc<HeadPose>>>,
     waiting: VecDeque<Set>,
-    /// Pictures of cameras on heads without a pose.
+    /// Pictures of cameras on heads of which nobody could say where they stood.
     pub without_pose: u64,
 }
 
@@ -68,7 +68,7 @@ impl Gather {
         }
     }
 
-    /// The next complete moment.
+    /// The next moment of which all is there that will come.
     pub fn next(&mut self) -> Option<Frame> {
         let set = self.waiting.front()?;
         let is_open = |it: &Stamped<Arc<Features>>| {

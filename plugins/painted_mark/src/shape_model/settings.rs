@@ -1,17 +1,17 @@
-//! Settings of the shape model, with the reasons for their defaults.
+//! Settings of the model of shape, with the reasons for their defaults.
 
 use foveate::geometry::{AcquisitionOptions, ShapeKind};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Bases of a shape.
+/// Which bases a shape is put together from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// The most extreme of the captured shapes, with weights in 0..=1, as in [Davis 2002 §5.4].
+    /// The most extreme of the captured shapes, with weights in 0..=1, as [Davis 2002 §5.4].
     Faces,
-    /// Principal components with their variances.
+    /// Principal components, with how much each was seen to vary.
     #[default]
     Components,
 }
@@ -20,49 +20,49 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShapeSettings {
-    /// An earlier model, written by `write`; a relative path starts at the rig's folder; empty: none [–]
+    /// A model that was acquired before, as written by `write`; a relative path starts at the rig's folder; empty: there is none [–]
     pub model: String,
-    /// Without `model`: start of the interval of this session from which a model is acquired [s]
+    /// Without `model`: a model is acquired from the frames of this session from this time on … [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub acquire_from_s: f64,
-    /// End of that interval, in which the person shows all movements of the face or knee; 0: no model, the surface is assumed to be rigid [s]
+    /// … until this time, while somebody shows all that the face or knee can do; 0: no model, the surface is taken to be rigid [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub acquire_until_s: f64,
     /// File of the results folder for the acquired model; empty: it is not written [–]
     pub write: String,
-    /// Bases of a shape [–]
+    /// Which bases a shape is put together from [–]
     pub kind: Kind,
-    /// Most bases [–]
+    /// Bases at most [–]
     #[schemars(range(min = 1, max = 1000))]
     pub bases: u32,
-    /// Most frames for a model, evenly spread over those captured: time and memory grow with them [–]
+    /// Frames at most that a model is made from, evenly spread over those captured: time and memory grow with them [–]
     #[schemars(range(min = 2, max = 10000))]
     pub frames: u32,
-    /// A frame is used for a model when it has at least this share of the marks; a mark is used when half of the frames have it [–]
+    /// A frame counts while acquiring when it has at least this share of the marks, a mark when half of the frames have it [–]
     #[schemars(range(min = 0.3, max = 1.0))]
     pub complete: f64,
-    /// Additional noise of a captured mark, one axis, beyond the marks' own covariances [mm]
+    /// Noise of a captured mark, one axis, at least: what the marks' own covariances leave out [mm]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub noise_mm: f64,
-    /// For components: allowed movement beyond the captured ones, correlated between neighbours, relative to a mark's captured movement [–]
+    /// For components: how much of its movement a mark may make in ways that were not captured, together with its neighbours [–]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub unseen: f64,
-    /// Correlation length of such movement [mm]
+    /// Marks this far apart still move together in such ways [mm]
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub reach_mm: f64,
-    /// A mark farther than this from its position by all others is wrong; it is filled instead [standard deviations]
+    /// A mark farther than this from where all others have it is not that mark; it is filled in its place [standard deviations]
     #[schemars(range(min = 3.0, max = 1000.0))]
     pub gate_sigmas: f64,
-    /// A hidden mark with a larger standard deviation of one axis is left out rather than filled; 0: all are filled [mm]
+    /// A hidden mark of which more than this is stated, standard deviation of one axis, is left out rather than filled; 0: all are filled [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub most_sigma_mm: f64,
-    /// Fewest measured marks of the model for a fit [–]
+    /// With fewer marks of the model measured there is no fit [–]
     #[schemars(range(min = 3, max = 1000))]
     pub min_marks: u32,
 }
 
 impl Default for ShapeSettings {
-    /// For a face of 40 to 80 marks, measured to a few tenths of a millimetre.
+    /// For a face of 40 to 80 marks, seen with a few tenths of a millimetre.
     fn default() -> Self {
         Self {
             model: String::new(),
@@ -113,7 +113,7 @@ impl ShapeSettings {
         Ok(())
     }
 
-    /// Options for a model from marks with the standard deviation `sigma` [m].
+    /// How a model is made of marks that are known to `sigma` [m].
     pub(super) fn options(&self, sigma: f64) -> AcquisitionOptions {
         AcquisitionOptions {
             kind: match self.kind {

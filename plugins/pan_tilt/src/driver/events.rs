@@ -1,4 +1,4 @@
-//! Events of a driver.
+//! What a driver reports.
 
 use foveate::prelude::{Interval, Time};
 
@@ -8,32 +8,32 @@ use crate::visca::{Answer, Command, Refusal};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CommandId(pub u64);
 
-/// State of the link between driver and head.
+/// How things are between driver and head.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Link {
-    /// The port is not open, with the reason; it is tried again.
+    /// The port is not open, and why; it is tried again.
     Closed(String),
     /// The port is open, the head has not answered yet.
     Greeting,
-    /// The head responds.
+    /// The head answers.
     Ready,
-    /// No answer. The head is greeted repeatedly.
+    /// Nothing comes back. It is greeted again and again.
     Silent,
-    /// Garbled bytes: a wrong baud rate, or another device. The head is greeted repeatedly.
+    /// Bytes come back that mean nothing: another speed of the line, another device. It is greeted again and again.
     Garbled,
-    /// The line has fewer heads than the address.
+    /// The line has fewer heads than the address says.
     NoSuchHead {
-        /// Number of heads on the line.
+        /// That is what the line has.
         heads: u8,
     },
 }
 
-/// An event with its time.
+/// Something that happened, and when.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
-    /// When the driver received it.
+    /// When the driver learnt it.
     pub at: Time,
-    /// The event.
+    /// What.
     pub what: What,
 }
 
@@ -49,87 +49,87 @@ impl Event {
     }
 }
 
-/// Kinds of events.
+/// What happened.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum What {
     /// Another state of the link.
     Link(Link),
-    /// A command is being sent: its first bit leaves now. A repeated command is reported again.
+    /// A command went to the line: its first bit goes now. A command that is sent again is reported again.
     Sent {
-        /// The command's number.
+        /// Which.
         id: CommandId,
-        /// The command.
+        /// What it says.
         command: Command,
     },
-    /// The head has accepted a command.
+    /// The head has taken a command.
     Acknowledged {
-        /// The command's number.
+        /// Which.
         id: CommandId,
-        /// Time of sending.
+        /// When it was sent.
         sent_at: Time,
     },
-    /// The head has completed a command, or replaced it by the next one.
+    /// The head has done a command, or took the next one in its place.
     Completed {
-        /// The command's number.
+        /// Which.
         id: CommandId,
     },
-    /// A command was never sent, because a newer one replaced it.
+    /// A command was never sent: a newer one took its place.
     Replaced {
-        /// The command's number.
+        /// Which.
         id: CommandId,
     },
-    /// A command failed.
+    /// A command will not be done.
     Failed {
-        /// The command's number.
+        /// Which.
         id: CommandId,
-        /// The reason.
+        /// Why.
         why: Failure,
     },
-    /// The head answered an inquiry. The state is of a time between the inquiry's arrival and the first byte of the answer.
+    /// The head answered an inquiry. It looked at its own state after the inquiry had reached it and before the first byte of the answer.
     Answered {
-        /// The answer.
+        /// What it said.
         answer: Answer,
-        /// Time of the inquiry's first bit.
+        /// When the first bit of the inquiry went.
         asked_at: Time,
     },
 }
 
-/// Why a command failed.
+/// Why a command will not be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// The head refused it.
+    /// The head said no.
     #[error("{0}")]
     Refused(Refusal),
-    /// There was no answer, and repeating it would have another effect.
+    /// It was sent, nothing came back, and doing it twice would not be the same as once.
     #[error("no answer came, and it may not be sent twice")]
     Unanswered,
-    /// It started a motion, and the line broke: it has to be given again.
+    /// It set the head going, and the line broke: whoever gave it has to give it again.
     #[error("the line broke while the head was moving")]
     Interrupted,
-    /// It was repeated, and the head still stopped elsewhere.
-    #[error("the head stopped elsewhere, at {0} and {1} units, although the command was repeated")]
+    /// It was sent again and again, and the head stands elsewhere.
+    #[error("the head stands still elsewhere, at {0} and {1} units, though it was told again")]
     NotReached(i32, i32),
 }
 
-/// Counts of a driver.
+/// What a driver has counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Commands given.
     pub given: u64,
-    /// Command packets sent, repeated ones included.
+    /// Command packets sent, those sent again too.
     pub sent: u64,
-    /// Commands replaced by a newer one before they were sent.
+    /// Commands that a newer one replaced before they were sent.
     pub replaced: u64,
     /// Messages without an answer in time.
     pub unanswered: u64,
-    /// Messages refused because the head's buffer was full.
+    /// Messages that the head had no room for.
     pub buffer_full: u64,
-    /// Commands repeated because the head stopped elsewhere.
+    /// Commands given again since the head stood elsewhere.
     pub corrected: u64,
-    /// Replies and datagrams that match no message.
+    /// Replies and datagrams that fit nothing.
     pub stray: u64,
     /// Bytes that belonged to no packet.
     pub garbage_bytes: u64,
-    /// Events dropped because they were not fetched in time.
+    /// Events that nobody fetched in time.
     pub lost_events: u64,
 }

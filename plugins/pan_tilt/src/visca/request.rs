@@ -1,4 +1,4 @@
-//! Messages of a controller to a head.
+//! What a controller says to a head.
 
 use super::{Address, Format, Packet, VISCA_END, nibbles};
 
@@ -7,22 +7,22 @@ use super::{Address, Format, Packet, VISCA_END, nibbles};
 pub enum Request {
     /// Broadcast: the heads of the line number themselves from 1.
     AddressSet,
-    /// Broadcast: every head drops its commands.
+    /// Broadcast: every head forgets the commands that it has.
     ClearAll,
-    /// The head drops its commands, including the one being executed.
+    /// The head forgets the commands that it has, the one being executed too.
     Clear,
-    /// Cancels the command in this socket.
+    /// The command in this socket is given up.
     Cancel {
-        /// 1 or 2 with known heads; at most 15.
+        /// 1 or 2 with the heads that are known; at most 15.
         socket: u8,
     },
-    /// A command: acknowledged at once, completed when done.
+    /// Do this: acknowledged at once, completed when done.
     Command(Command),
-    /// An inquiry: answered at once, takes no socket.
+    /// Say this: answered at once, takes no socket.
     Inquiry(Inquiry),
 }
 
-/// A command. Positions and speeds are in the head's units, see [`Profile`](super::Profile).
+/// What a head is told to do. Positions and speeds are the head's own, see [`Profile`](super::Profile).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
     /// Go to a position.
@@ -31,58 +31,58 @@ pub enum Command {
         pan: i32,
         /// [units]
         tilt: i32,
-        /// Speed.
+        /// How fast.
         speed: Speed,
     },
-    /// Move relative to the present position. Some models round each step: a sequence of them drifts.
+    /// Go by so much from where it is. Some models round each step: a chain of them drifts.
     Relative {
         /// [units]
         pan: i32,
         /// [units]
         tilt: i32,
-        /// Speed.
+        /// How fast.
         speed: Speed,
     },
-    /// Move until another command; both axes at `Stop`: stop.
+    /// Move until told otherwise; both axes at `Stop`: stop.
     Drive {
-        /// Direction of pan.
+        /// Which way to pan.
         pan: PanDrive,
-        /// Direction of tilt.
+        /// Which way to tilt.
         tilt: TiltDrive,
-        /// Speed.
+        /// How fast.
         speed: Speed,
     },
-    /// Go to the centre of both axes.
+    /// Go to the middle of both axes.
     Home,
-    /// Find the ends of the axes again, then go to the centre.
+    /// Find the ends of the axes anew, then go to the middle.
     Reset,
-    /// Set a limit of motion.
+    /// Go no further than this.
     LimitSet {
-        /// The limited corner.
+        /// Which two ends are meant.
         corner: Corner,
         /// [units]
         pan: i32,
         /// [units]
         tilt: i32,
     },
-    /// Remove a limit of motion.
+    /// Go as far as the mechanics do.
     LimitClear {
-        /// The limited corner.
+        /// Which two ends are meant.
         corner: Corner,
     },
     /// Go to this focal length [units].
     ZoomDirect(u16),
-    /// Zoom until another command.
+    /// Zoom until told otherwise.
     Zoom(ZoomDrive),
-    /// Autofocus on or off.
+    /// Focus by itself, or stay.
     FocusAuto(bool),
-    /// Go to this focus [units]; refused while autofocus is on.
+    /// Go to this focus [units]; refused while focusing by itself.
     FocusDirect(u16),
     /// On, or standby.
     Power(bool),
 }
 
-/// Speed of the axes, in the head's own steps.
+/// How fast the axes move, in the head's own steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Speed {
     /// 1 is the slowest.
@@ -91,7 +91,7 @@ pub struct Speed {
     pub tilt: u8,
 }
 
-/// Direction of pan.
+/// Which way to pan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum PanDrive {
@@ -100,7 +100,7 @@ pub enum PanDrive {
     Stop = 3,
 }
 
-/// Direction of tilt.
+/// Which way to tilt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum TiltDrive {
@@ -109,7 +109,7 @@ pub enum TiltDrive {
     Stop = 3,
 }
 
-/// The two ends of one limit.
+/// The two ends that one limit names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Corner {
@@ -117,7 +117,7 @@ pub enum Corner {
     UpRight = 1,
 }
 
-/// Direction of zoom, at the standard speed or at one from 0 to 15 (models support 0 to 7).
+/// Which way to zoom, at the standard speed or at one from 0 to 15 (models know 0 to 7).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum ZoomDrive {
@@ -126,7 +126,7 @@ pub enum ZoomDrive {
     Wide(Option<u8>),
 }
 
-/// An inquiry.
+/// What a head is asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inquiry {
     /// Whether it is on.
@@ -135,29 +135,29 @@ pub enum Inquiry {
     Version,
     /// Focal length [units].
     Zoom,
-    /// Whether autofocus is on.
+    /// Whether it focuses by itself.
     FocusMode,
     /// Focus [units].
     Focus,
-    /// Status bits of the mechanics.
+    /// The bits of its mechanics.
     PanTiltStatus,
-    /// Largest speeds.
+    /// The greatest speeds.
     PanTiltMaxSpeed,
-    /// Pan and tilt [units].
+    /// Where it looks [units].
     PanTiltPosition,
 }
 
-/// A number out of range.
+/// A number that has no place in a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{what} is {found}, expected {min} to {max}")]
 pub struct OutOfRange {
-    /// Name of the number.
+    /// The number.
     pub what: &'static str,
     /// Its value.
     pub found: i32,
-    /// Smallest allowed value.
+    /// The least that is allowed.
     pub min: i32,
-    /// Largest allowed value.
+    /// The most that is allowed.
     pub max: i32,
 }
 
@@ -196,7 +196,7 @@ impl Request {
         Ok(Packet::from_bytes(&bytes).unwrap_or_else(|| unreachable!("requests have a header and 1 to 14 bytes")))
     }
 
-    /// Decodes a packet; `None` for anything but these requests.
+    /// What a packet says; `None` for what is none of these requests.
     pub fn decode(packet: &Packet, format: Format) -> Option<Request> {
         match *packet.message() {
             [0x30, 0x01] if packet.header() == 0x88 => Some(Request::AddressSet),
@@ -255,7 +255,7 @@ impl Command {
         Ok(())
     }
 
-    /// Decodes the bytes after the 0x01.
+    /// From what follows the 0x01.
     fn read(message: &[u8], format: Format) -> Option<Command> {
         let position = |digits: &[u8]| {
             if digits.len() != format.pan_digits + 4 {

@@ -1,4 +1,4 @@
-//! Messages between the projector's page and its node, as JSON.
+//! What the projector's page and its node say to each other, as JSON.
 
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +42,7 @@ pub(super) enum FromPage {
     },
     /// Black is shown in place of pictures.
     Black(When),
-    /// A person pressed the key for the next picture.
+    /// Somebody pressed the key for the next picture.
     Key(bool),
 }
 

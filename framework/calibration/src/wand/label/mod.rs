@@ -1,14 +1,14 @@
-//! Labels the ends of a wand: the same end under the same label in all cameras, although both lights look alike.
+//! Which light of a wand is which: the same end under the same label in all cameras, though all lights look alike.
 //!
-//! Two lights in each of two pictures can be matched in two ways. Pairs of cameras are
-//! oriented on both matchings of every frame at once: half of these pairs of pixels is right, which is enough for a search by random
-//! quintuples. Epipolar lines then decide between the matchings, frame by frame, unless the wand lies along them. The cameras of a
+//! Of two lights in each of two pictures, either the first ones belong together or the first and the second. Pairs of cameras are
+//! oriented on both readings of every frame at once: half of these pairs of pixels is right, which a search by random
+//! quintuples carries. Epipolar lines then tell the readings apart, frame by frame, unless the wand lies along them. The cameras of a
 //! frame are joined by their clearest readings first; a camera that no clear reading joins goes without labels there. Pictures with
 //! one light or with clutter are read last, by the lines of the cameras that are clear. From frame to frame the ends
 //! keep their labels by moving little.
 //!
-//! Labels that a recording already has are kept where they agree; a camera with swapped labels throughout is reported and
-//! corrected.
+//! Labels that a recording brings along are kept where they agree; a camera that has them the wrong way round throughout is named and
+//! put right.
 
 mod readings;
 
@@ -20,7 +20,7 @@ use crate::recording::{Recording, Spot};
 /// A reading is clear when the other one is worse by this, in squared standard deviations.
 const CLEAR: f64 = 9.0;
 
-/// Options of [`label`].
+/// How to go about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelOptions {
     /// Of either coordinate of a right pixel, standard deviation; the optics may be guesses, so more than the detector's [px].
@@ -39,18 +39,18 @@ impl Default for LabelOptions {
     }
 }
 
-/// The result of [`label`].
+/// What [`label`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labelled {
     /// The recording with the wand's ends as labels 0 and 1; other spots are gone.
     pub recording: Recording,
-    /// Pictures with both ends labelled.
+    /// Looks with both ends labelled.
     pub whole: usize,
-    /// Pictures with one end labelled.
+    /// Looks with one end labelled.
     pub single: usize,
-    /// Spots that were dropped: lamps, clutter, and ends that stayed ambiguous.
+    /// Spots that were dropped: lamps, clutter, and ends that could not be told.
     pub dropped: usize,
-    /// Cameras whose own labels were swapped throughout.
+    /// Cameras whose own labels were the wrong way round throughout.
     pub swapped: Vec<usize>,
     /// Pairs of cameras that were oriented, with the frames in which both saw two lights, and those of them that fit.
     pub pairs: Vec<([usize; 2], usize, usize)>,
@@ -58,33 +58,33 @@ pub struct Labelled {
     pub unplaced: Vec<usize>,
 }
 
-/// Why the ends could not be labelled.
+/// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LabelError {
     /// Lists of different lengths.
     #[error("{camera_frames} camera frames and {frames} frame numbers, expected as many of each")]
     LengthsDiffer {
-        /// Pictures.
+        /// Looks.
         camera_frames: usize,
         /// Frames of them.
         frames: usize,
     },
-    /// A frame of an unknown camera.
+    /// A look by nobody.
     #[error("camera frame {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
-        /// Number of the picture.
+        /// Which look.
         camera_frame: usize,
         /// Its camera.
         camera: usize,
         /// How many cameras there are.
         cameras: usize,
     },
-    /// An option outside its range.
-    #[error("{option} is {found}, expected a finite number above 0")]
-    BadOption {
-        /// Name of the option.
-        option: &'static str,
-        /// The value that was found.
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected a finite number above 0")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
         found: f64,
     },
     /// No two cameras saw the wand whole together.
@@ -97,7 +97,7 @@ pub enum LabelError {
         best: [usize; 2],
         /// Their frames.
         frames: usize,
-        /// Number that is needed.
+        /// How many are needed.
         needed: usize,
     },
 }
@@ -112,7 +112,7 @@ struct View {
     ends: [Option<usize>; 2],
 }
 
-/// Groups pictures into frames: one for each run of camera frames whose times are less than `tolerance_s` after the one before, and in which no
+/// Groups looks into frames: one for each run of camera frames whose times are less than `tolerance_s` after the one before, and in which no
 /// camera comes twice. For cameras that share a clock.
 pub fn frames_by_time(recording: &Recording, tolerance_s: f64) -> Vec<Option<usize>> {
     let mut order: Vec<usize> =
@@ -133,7 +133,7 @@ pub fn frames_by_time(recording: &Recording, tolerance_s: f64) -> Vec<Option<usi
     frames
 }
 
-/// Labels the ends of the wand; `frame_of_look` gives the frame of each picture, if any.
+/// Labels the ends of the wand; `frame_of_look` says which frame each camera frame is of, if any.
 ///
 /// # Errors
 /// See [`LabelError`].
@@ -169,9 +169,9 @@ fn check(recording: &Recording, moment_of_frame: &[Option<usize>], options: &Lab
             cameras,
         });
     }
-    for (option, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
+    for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(LabelError::BadOption { option, found });
+            return Err(LabelError::BadRule { rule, found });
         }
     }
     Ok(())

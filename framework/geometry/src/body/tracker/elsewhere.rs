@@ -1,4 +1,4 @@
-//! Alternative places for a limb: a fit goes to the nearest minimum of its cost, which may not be the global one.
+//! Other places where a limb could lie: a fit goes to the nearest minimum of its cost, which may be another one than the least.
 
 use super::super::field::VoxelField;
 use super::super::limbs::limb_templates;

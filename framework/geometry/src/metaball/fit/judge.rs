@@ -1,4 +1,4 @@
-//! Judges a fit: distances, support of each segment, and reasons to distrust it.
+//! What a fit is worth: distances, support of each segment, and why not to believe it.
 
 use foveate_estimation::least_squares::Unobservable;
 use nalgebra::{DMatrix, Point3};
@@ -14,45 +14,47 @@ const MOST_OUTLIERS: f64 = 0.35;
 /// A size that is so many standard deviations from what it is known to be is another limb's [σ].
 const MOST_SIGMAS: f64 = 3.0;
 
-/// A reason to distrust a fit, or a segment of it.
+/// Why not to believe a fit, or a segment of it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Doubt {
-    /// A segment has too few points: its posture is that of the prior.
+    /// The points say nothing of a segment: it is where what is known beforehand has it.
     #[error("{segment} has {found:.1} independent points, expected {LEAST_SUPPORT} at least")]
     Unsupported {
-        /// Name of the segment.
+        /// Its name.
         segment: String,
-        /// Number of its independent points.
+        /// What it has.
         found: f64,
     },
     /// Too many points lie off the body.
     #[error("{share:.2} of the points lie off the body, expected {MOST_OUTLIERS} at most")]
     Elsewhere {
-        /// Share of the surface points [–].
+        /// Of the points of a surface [–].
         share: f64,
     },
-    /// A length or thickness that is not plausible for a person.
-    #[error("the {what} of {segment} is {sigmas:.1} standard deviations from people's mean, expected {most} at most")]
+    /// No limb of this kind is so long or so thick.
+    #[error(
+        "the {what} of {segment} is {sigmas:.1} standard deviations from what people have, expected {most} at most"
+    )]
     Misshapen {
-        /// Name of the segment.
+        /// Its name.
         segment: String,
-        /// `length` or `thickness`.
+        /// Length or thickness.
         what: &'static str,
-        /// Deviation; above 0 too large [σ].
+        /// How far off, above 0 too large [σ].
         sigmas: f64,
-        /// Largest plausible deviation [σ].
+        /// How far off is believed [σ].
         most: f64,
     },
-    /// A joint beyond its anatomical limit.
+    /// A joint is bent as none bends.
     #[error("{dof} is {beyond_deg:.0} degrees beyond its limit")]
     Limit {
-        /// Name of the angle.
+        /// Its name.
         dof: String,
-        /// Amount beyond the limit [°].
+        /// By how much [°].
         beyond_deg: f64,
     },
-    /// The last round did not converge.
-    #[error("the fit did not converge within its rounds")]
+    /// It was still moving when rounds ran out.
+    #[error("the fit did not settle in its rounds")]
     Unsettled,
 }
 

@@ -32,7 +32,7 @@ enum Decided<'a> {
     },
 }
 
-/// How a point's segment is chosen.
+/// How a point's segment is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Belongs<'a> {
     /// The nearest bone.

@@ -1,57 +1,57 @@
-//! Errors of head calibration.
+//! Why there is no calibration.
 
 use super::UNIT_RATIO;
 use crate::camera::CameraError;
 
-/// Why a head cannot be calibrated.
+/// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeadCalibrationError {
-    /// Optics that cannot be used.
+    /// Optics that are none.
     #[error("the optics: {0}")]
     BadOptics(CameraError),
-    /// An option out of range.
-    #[error("{option} is {found}, expected {expected}")]
-    BadOption {
-        /// Which option.
-        option: &'static str,
-        /// Value that was found.
+    /// A rule that cannot be followed.
+    #[error("{rule} is {found}, expected {expected}")]
+    BadRule {
+        /// Which.
+        rule: &'static str,
+        /// Its value.
         found: f64,
-        /// What was expected.
+        /// What it should be.
         expected: &'static str,
     },
     /// An observation that cannot be used.
     #[error("observation {observation}: {field} is {found}, expected {expected}")]
     BadObservation {
-        /// Index of the observation.
+        /// Which, from 0.
         observation: usize,
-        /// Which of its fields.
+        /// Which part of it.
         field: &'static str,
-        /// Value that was found.
+        /// Its value.
         found: f64,
-        /// What was expected.
+        /// What it should be.
         expected: &'static str,
     },
-    /// Too few observations for the unknowns.
+    /// Fewer than the unknowns need.
     #[error("{count} {kind} observations, expected at least {expected}")]
     TooFew {
-        /// Number of observations.
+        /// How many.
         count: usize,
-        /// `usable` ones, or inliers.
+        /// Of all, or of the right ones.
         kind: &'static str,
-        /// Number that is needed.
+        /// How many are needed.
         expected: usize,
     },
-    /// The head was moved too little.
-    #[error("{axis} was moved over {:.2}°, expected {:.1}° or more", range.to_degrees(), expected.to_degrees())]
+    /// The head hardly moved.
+    #[error("{axis} was moved over {:.2}° only, expected {:.1}° or more", range.to_degrees(), expected.to_degrees())]
     RangeTooSmall {
-        /// Which axis.
+        /// Which.
         axis: &'static str,
-        /// Range of the settings [rad]; 0 also when the unit could not be found.
+        /// From smallest to largest [rad]; 0 also when its unit could not be found.
         range: f64,
-        /// Range that the options require [rad].
+        /// What the rules ask for [rad].
         expected: f64,
     },
-    /// The targets lie on a line, about which the camera can turn.
+    /// Targets that leave the camera free to turn about them.
     #[error("the targets lie on a line: their spread across it is {:.1} mm, {:.1} % of that along it", 1e3 * across, 1e2 * across / along)]
     OnALine {
         /// Standard deviation along the line [m].
@@ -65,61 +65,61 @@ pub enum HeadCalibrationError {
          the units of both angles must be known at least nearly"
     )]
     NoStart {
-        /// Number of different settings.
+        /// Different settings.
         settings: usize,
-        /// Settings whose targets gave a pose.
+        /// Those whose targets gave a pose.
         posed: usize,
     },
-    /// Most targets are not visible from the given start.
+    /// The start given does not see the targets, or not within reach of the search.
     #[error("at the start the camera sees {seen} of {count} targets, expected most of them")]
     BadStart {
         /// Targets in front of the camera.
         seen: usize,
-        /// Number of targets.
+        /// All.
         count: usize,
     },
-    /// The search diverged to another unit of angle.
+    /// The search ran away to another unit.
     #[error(
-        "the unit of {axis} went from {start:.3e} rad to {found:.3e} rad, expected it to stay within a factor of {UNIT_RATIO}"
+        "from {start:.3e} rad the unit of {axis} went to {found:.3e} rad, expected it to stay within a factor of {UNIT_RATIO}"
     )]
     UnitLost {
-        /// Which axis.
+        /// Of which axis.
         axis: &'static str,
-        /// Unit at the start [rad].
+        /// Where it started [rad].
         start: f64,
-        /// Unit at the end [rad].
+        /// Where it ended [rad].
         found: f64,
     },
-    /// Unobservable parameters.
-    #[error("unobservable from the observations: {}", parameters.join(", "))]
+    /// Parameters that the observations do not hold at all.
+    #[error("the observations leave open: {}", parameters.join(", "))]
     Open {
-        /// The parameters, each undetermined given those before it.
+        /// Which: each cannot be told from those before it.
         parameters: Vec<&'static str>,
     },
-    /// Parameters that the observations determine too poorly.
+    /// Parameters that the observations hold too loosely.
     #[error(
-        "{what} is known to {sigma:.2} {unit}, expected {expected:.2} {unit} or better; the targets were {:.2} to {:.2} m from the camera, pan moved over \
+        "{what} is known to {sigma:.2} {unit} only, expected {expected:.2} {unit} or better; the targets were {:.2} to {:.2} m from the camera, pan moved over \
          {:.0}° and tilt over {:.0}°: nearer targets, at more different distances, and more range hold it better",
         distances[0], distances[1], ranges[0].to_degrees(), ranges[1].to_degrees()
     )]
     Loose {
-        /// Which parameter.
+        /// What.
         what: &'static str,
         /// Its standard deviation.
         sigma: f64,
-        /// Standard deviation that the options require.
+        /// What the rules ask for.
         expected: f64,
-        /// Unit of both.
+        /// Of both.
         unit: &'static str,
-        /// Distance of the nearest and the farthest target [m].
+        /// Of the nearest and the farthest target [m].
         distances: [f64; 2],
-        /// Ranges of the settings of pan and tilt [rad].
+        /// Of pan and tilt, between the smallest and the largest setting [rad].
         ranges: [f64; 2],
     },
-    /// The axes found are parallel.
+    /// Two axes that do the same.
     #[error("the axes found are parallel within {:.1}°: settings of pan and tilt may be mixed up", angle.to_degrees())]
     ParallelAxes {
-        /// Angle between them [rad].
+        /// The angle between them [rad].
         angle: f64,
     },
 }

@@ -1,34 +1,34 @@
-//! Options of head calibration.
+//! How to go about a calibration.
 
 use foveate_estimation::Loss;
 
 use super::HeadCalibrationError;
 use crate::pan_tilt::head::{AxisUnits, Limits, Stacking};
 
-/// Prior knowledge of a device's unit of angle.
+/// What is known of a device's units of angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UnitsRule {
-    /// Known, for example from the maker.
+    /// As given, such as by the device's maker.
     Known(AxisUnits),
-    /// Estimated, from this start.
+    /// Estimated, starting at this.
     Near(AxisUnits),
-    /// Estimated without a start, and positive: the axis points where the device's numbers increase. Needs settings with several targets each.
+    /// Estimated from nothing, and positive: the axis points where the device's numbers rise. Needs settings with several targets each.
     Unknown {
         /// The device's number at angle zero.
         at_rest: f64,
     },
 }
 
-/// Prior knowledge of the camera's optics.
+/// What is known of the camera's optics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OpticsRule {
-    /// All optics are known.
+    /// All of them.
     Known,
-    /// The focal lengths are estimated; their ratio and the rest are known.
+    /// All but the focal lengths, of which the ratio is known.
     Focal,
 }
 
-/// The model of the axes.
+/// Which model is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesRule {
     /// Axes anywhere: equation (2).
@@ -37,32 +37,33 @@ pub enum AxesRule {
     Aligned,
 }
 
-/// Options of [`calibrate_head`] and [`refine_head`].
+/// How to go about it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadOptions {
-    /// Units of pan and tilt.
+    /// Of pan and tilt.
     pub units: [UnitsRule; 2],
-    /// Model of the axes.
+    /// Which model.
     pub axes: AxesRule,
-    /// Whether the focal lengths are estimated too.
+    /// Whether the focal lengths are found too.
     pub optics: OpticsRule,
     /// Which axis carries the other.
     pub stacking: Stacking,
-    /// Limits for the resulting head; without effect on the search.
+    /// Limits that the head found is given; of no effect on the search.
     pub limits: Limits,
-    /// Robust loss of an error, in its standard deviations.
+    /// What an error costs, in its standard deviations.
     pub loss: Loss,
-    /// Standard deviation of either angle between the device's report and the head [rad]. Above 0, each setting gets a correction of its own.
+    /// How far the head stands from where its device says, standard deviation of either angle [rad]. Above 0, each setting gets a
+    /// correction of its own.
     pub setting_sigma: f64,
-    /// Least range of the settings of pan and tilt [rad].
+    /// Between the smallest and the largest setting of pan and tilt, at least [rad].
     pub least_range: [f64; 2],
-    /// Largest accepted standard deviation of the axes' directions [rad].
+    /// Directions of the axes less well known than this are refused, standard deviation [rad].
     pub most_direction_sigma: f64,
-    /// Largest accepted standard deviation of the places of the axes and the camera [m].
+    /// Places of the axes and of the camera less well known than this are refused, standard deviation [m].
     pub most_place_sigma: f64,
-    /// Number of parts for cross-validation: each part of the settings is predicted from the others; 0 for none [–].
+    /// Into how many parts the settings are divided, each in turn predicted from the others; 0 for none [–].
     pub holdout_parts: usize,
-    /// Seed of the random draws.
+    /// Of what is drawn at random.
     pub seed: u64,
 }
 
@@ -97,15 +98,15 @@ impl HeadOptions {
             ("most_place_sigma", self.most_place_sigma),
         ];
         let bad = |it: &&(&'static str, f64)| !(it.1.is_finite() && it.1 > 0.0);
-        if let Some(&(option, found)) = named.iter().find(bad) {
-            return Err(HeadCalibrationError::BadOption { option, found, expected: positive });
+        if let Some(&(rule, found)) = named.iter().find(bad) {
+            return Err(HeadCalibrationError::BadRule { rule, found, expected: positive });
         }
         if let Some(found) = self.loss.bad_scale() {
-            return Err(HeadCalibrationError::BadOption { option: "scale of the loss", found, expected: positive });
+            return Err(HeadCalibrationError::BadRule { rule: "the scale of the loss", found, expected: positive });
         }
         if !(self.setting_sigma.is_finite() && self.setting_sigma >= 0.0) {
-            let (option, found) = ("setting_sigma", self.setting_sigma);
-            return Err(HeadCalibrationError::BadOption { option, found, expected: "a finite number of 0 or more" });
+            let (rule, found) = ("setting_sigma", self.setting_sigma);
+            return Err(HeadCalibrationError::BadRule { rule, found, expected: "a finite number of 0 or more" });
         }
         for units in self.units {
             let (rad_per_unit, at_rest) = match units {
@@ -114,11 +115,11 @@ impl HeadOptions {
             };
             if !rad_per_unit.is_finite() || rad_per_unit == 0.0 {
                 let expected = "a finite number other than 0";
-                return Err(HeadCalibrationError::BadOption { option: "rad_per_unit", found: rad_per_unit, expected });
+                return Err(HeadCalibrationError::BadRule { rule: "rad_per_unit", found: rad_per_unit, expected });
             }
             if !at_rest.is_finite() {
-                return Err(HeadCalibrationError::BadOption {
-                    option: "at_rest",
+                return Err(HeadCalibrationError::BadRule {
+                    rule: "at_rest",
                     found: at_rest,
                     expected: "a finite number",
                 });

@@ -1,4 +1,4 @@
-//! Compares the pictures of a set with the rules of a Gray code.
+//! What a Gray code promises of the pictures of a set, held against them.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,0 @@
-//! Laser pointers on a simulated wall.
-
-mod drawing;
-mod wall;
