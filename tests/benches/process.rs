@@ -7,8 +7,8 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::time::Instant;
 
-use foveate::plugin::process::{Filter, Pictures, ProcessSettings};
 use foveate::prelude::*;
+use foveate_embed::plugin::process::{Filter, Pictures, ProcessSettings};
 use nalgebra::{Matrix6, Point3, Vector3};
 use serde_json::{Value, json};
 

@@ -6,7 +6,7 @@ mod linux {
     use std::os::unix::fs::FileExt;
     use std::time::{Duration, Instant};
 
-    use foveate::plugin::process::{Filter, LONGEST_FRAME, Pictures, ProcessSettings};
+    use foveate_embed::plugin::process::{Filter, LONGEST_FRAME, Pictures, ProcessSettings};
     use foveate_messages::{Image, Targets, Time};
     use foveate_node::{In, Node, NodeBench, Out, Setup};
     use serde_json::{Value, json};

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use foveate::engine::{self, Options};
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 
 /// The simulated lab for three seconds, with the node of this crate between the integrator and the score.
 const RIG: &str = r#"

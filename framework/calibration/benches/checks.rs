@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p foveate-calibration --bench checks`; `-- 50` for more than 20 seeds.
 
-#[path = "../tests/simulated_room/mod.rs"]
+#[path = "../tests/it/simulated_room/mod.rs"]
 mod simulated_room;
 
 use std::time::Instant;

@@ -2,7 +2,7 @@
 //! field against the clock table of its data set. `cargo bench -p foveate-calibration --bench clocks`, with
 //! `-- drones` the latter alone.
 
-#[path = "../tests/waved_light/mod.rs"]
+#[path = "../tests/it/waved_light/mod.rs"]
 mod waved_light;
 
 use std::path::{Path, PathBuf};

@@ -1,9 +1,9 @@
-//! What may be wrong about a camera, under names that programs know.
+//! Faults of a camera, with fixed names for programs.
 
-/// What may be wrong about a camera.
+/// What is wrong with a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cause {
-    /// It was moved during the recording, or since the older calibration.
+    /// The camera was moved during the recording, or since the older calibration.
     Moved {
         /// When [s of the room]; `None`: before the recording began.
         at_s: Option<f64>,
@@ -26,7 +26,7 @@ pub enum Cause {
         /// What it should be over what it is [–].
         factor: f64,
     },
-    /// Its lens distorts otherwise than its model does.
+    /// Its lens distortion differs from its model.
     Distortion {
         /// To be added to k1 [–].
         k1: f64,
@@ -47,15 +47,14 @@ pub enum Cause {
     Mirrored,
     /// Its picture is upside down: turned by half about the line of sight.
     UpsideDown,
-    /// Part of its observations are not of the light. Where these were left out and the others are enough, that is told as a thing that is
-    /// good as it is.
+    /// Part of its observations are not of the light. Where these were left out and the others suffice, the level stays good.
     FalseObservations {
         /// Which part [–].
         share: f64,
     },
     /// It saw too little of the light.
     FewObservations {
-        /// How many [–].
+        /// Number of its observations [–].
         count: usize,
         /// Of the median camera [–].
         median: usize,
@@ -73,7 +72,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Its fixed name, by which programs know it.
+    /// Its fixed name, for programs.
     pub fn name(&self) -> &'static str {
         match self {
             Cause::Moved { .. } => "moved",
@@ -90,7 +89,7 @@ impl Cause {
         }
     }
 
-    /// How large it is, in the unit of [`Self::unit`]; `None` for what is or is not.
+    /// How large it is, in the unit of [`Self::unit`]; `None` for causes without a size.
     pub fn size(&self) -> Option<f64> {
         match *self {
             Cause::Moved { shift_px, .. } => Some(shift_px),
@@ -124,10 +123,10 @@ impl Cause {
     }
 }
 
-/// A camera that was left out of a solved room because of what is wrong with it.
+/// A faulty camera that was left out of a solved camera network, and its fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Culprit {
-    /// Which camera.
+pub struct CameraFault {
+    /// Index of the camera.
     pub camera: usize,
     /// What is wrong.
     pub cause: Cause,

@@ -1,8 +1,8 @@
-//! A solved room beside another calibration of the same cameras.
+//! Comparison of a solved camera network with another calibration of the same cameras.
 //!
-//! The two worlds are laid over each other by the cameras that agree, wherever the others stand: each pair of cameras proposes a similarity, from
-//! their centres and their directions together, the half of the cameras that fits it best improves it (least trimmed squares), and the one
-//! is taken that leaves this half nearest. A camera that was displaced, turned or mirrored is then far off and the others are not.
+//! The two worlds are aligned by the cameras that agree, wherever the others are: each pair of cameras proposes a similarity, from
+//! their centres and their directions together, the half of the cameras that fits it best improves it (least trimmed squares), and the
+//! similarity that leaves this half nearest is used. A camera that was displaced, rotated or mirrored is then far off and the others are not.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -36,7 +36,7 @@ const FAR_BETTER: f64 = 4.0;
 /// Names of so many cameras are exchanged on trial [–].
 const FEW: usize = 12;
 
-/// How far each camera is from where the other calibration has it, once the two worlds are laid over each other.
+/// Differences of each camera between two calibrations, after alignment of the two worlds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     names: Vec<String>,
@@ -49,7 +49,7 @@ pub struct Comparison {
     agrees: Vec<bool>,
     /// Lengths there over lengths here.
     scale: f64,
-    /// Whether they are mirror images of each other, and what is told is beside the mirror image.
+    /// Whether they are mirror images of each other; differences are then relative to the mirror image.
     is_mirrored: bool,
     /// Two cameras of which each stands where the other one stood.
     exchanged: Option<[String; 2]>,
@@ -58,7 +58,7 @@ pub struct Comparison {
 /// Compares the calibrated cameras with those of the same names in `other`.
 ///
 /// # Errors
-/// What keeps the two from being laid over each other, in a sentence.
+/// Why the two cannot be aligned, in a sentence.
 pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, String> {
     let calibrated = || solved.cameras.iter().filter(|it| it.status == CameraStatus::Calibrated);
     let (mut names, mut here, mut there): (_, Vec<Camera>, Vec<Camera>) = (Vec::new(), Vec::new(), Vec::new());
@@ -72,8 +72,8 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
     if names.len() < 2 {
         let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         let in_both = match &names[..] {
-            [] => "no camera stands in both by the same name".to_owned(),
-            only => format!("only {} stands in both", only[0]),
+            [] => "no camera is in both by the same name".to_owned(),
+            only => format!("only {} is in both", only[0]),
         };
         return Err(format!(
             "{in_both}, expected at least 2; here: {}; there: {}",
@@ -84,7 +84,7 @@ pub fn compare(solved: &Solved, other: &Calibration) -> Result<Comparison, Strin
     let is_metric = solved.fixed.scale.is_some() && other.length_unit == LengthUnit::Metre;
     let found = lay_over(&here, &there, is_metric).ok_or_else(|| {
         format!(
-            "the {} that stand in both ({}) stand in one place: nothing tells how long a metre is",
+            "the {} cameras in both ({}) are at one place, so the scale is undetermined",
             counted(names.len(), "camera"),
             names.join(", ")
         )
@@ -304,7 +304,7 @@ impl Comparison {
         self.scale
     }
 
-    /// The cameras that stand in both.
+    /// The cameras that are in both.
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -314,12 +314,12 @@ impl Comparison {
         self.is_mirrored
     }
 
-    /// Two cameras of which each stands where the other one stood, by name.
+    /// Two cameras that are swapped, by name.
     pub fn exchanged(&self) -> Option<&[String; 2]> {
         self.exchanged.as_ref()
     }
 
-    /// By dotted name, medians and maxima of sizes and each camera's own.
+    /// The figures by dotted name: medians and maxima over all cameras, and each camera's own.
     pub fn figures(&self) -> BTreeMap<String, f64> {
         let mut figures = BTreeMap::new();
         let centre = if self.unit == "mm" { "compare.centre_mm" } else { "compare.centre_percent" };
@@ -341,10 +341,11 @@ impl Comparison {
         figures
     }
 
-    /// A table; `path` is that of the other calibration.
+    /// The differences as a table; `path` is that of the other calibration.
     pub fn describe(&self, path: &str) -> String {
         let width = self.names.iter().map(|it| it.chars().count()).max().unwrap_or(0).max(6);
-        let mut text = format!("beside {path}, laid over it (lengths there are {:.5} of those here):\n", self.scale);
+        let mut text =
+            format!("compared with {path}, after alignment (lengths there are {:.5} of those here):\n", self.scale);
         let _ = writeln!(text, "  {:width$}  {:>11}  {:>11}  {:>9}", "camera", "centre", "turn", "focal");
         for (index, name) in self.names.iter().enumerate() {
             let (centre, turn) = (self.centres[index], self.turns_mrad[index]);
@@ -354,21 +355,18 @@ impl Comparison {
                 writeln!(text, "  {name:width$}  {centre:8.2} {:2}  {turn:6.2} mrad  {focal:>7} %{mark}", self.unit);
         }
         if self.is_mirrored {
-            text += "  (they are mirror images of each other: the pictures of all cameras were mirrored for one of them; laid over in the mirror)\n";
+            text += "  (they are mirror images of each other: the pictures of all cameras were mirrored for one of them; aligned with the mirror image)\n";
         }
         if let Some([first, second]) = &self.exchanged {
-            let _ = writeln!(text, "  ({first} and {second} stand in each other's places: their names are exchanged)");
+            let _ = writeln!(text, "  ({first} and {second} are swapped: their names are exchanged)");
         }
         let n_off = self.agrees.iter().filter(|it| !**it).count();
         if n_off > 0 && self.exchanged.is_none() {
             let agreeing = counted(self.names.len() - n_off, "camera");
-            let _ = writeln!(
-                text,
-                "  (laid over each other by the {agreeing} that agree; what stands elsewhere does not count)"
-            );
+            let _ = writeln!(text, "  (aligned by the {agreeing} that agree; cameras marked elsewhere do not count)");
         }
         if self.names.len() == 2 {
-            text += "  (two cameras do not tell which of them is off)\n";
+            text += "  (with two cameras, which of them is off cannot be determined)\n";
         }
         if self.unit == "%" {
             text += "  (% of the room's size: the root mean square distance of the cameras from their middle)\n";

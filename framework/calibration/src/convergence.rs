@@ -1,6 +1,6 @@
-//! How fast a room comes right from a poor start: path and cameras in turn, as [Davis 2002 §3.2] has it, beside all at once.
+//! Convergence from a poor start: alternating between path and cameras [Davis 2002 §3.2], compared with bundle adjustment.
 //!
-//! Both minimise the same, so both end in the same place; [Davis 2002, Fig. 25] shows the way there as the error on observations that the
+//! Both minimise the same cost, so both end in the same place; [Davis 2002, Fig. 25] shows the error on observations that the
 //! cameras were not fitted to.
 
 use foveate_estimation::Random;
@@ -13,7 +13,7 @@ use crate::solved::{ObservationRole, Solved};
 /// Root mean square error on independent observations, at the start and after each turn or step [px].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convergence {
-    /// In words: how far the start is off.
+    /// How far the start is off, in words.
     pub start: String,
     /// Of bundle adjustment.
     pub together: Vec<f64>,
@@ -21,7 +21,7 @@ pub struct Convergence {
     pub in_turn: Vec<f64>,
 }
 
-/// How far, and from where.
+/// Options of [`convergence`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConvergenceOptions {
     /// Turns of the alternating scheme [–].
@@ -44,8 +44,8 @@ impl Default for ConvergenceOptions {
     }
 }
 
-/// Both ways from a start that is drawn around a solved room, on its own observations; the error is that on moments that were held out.
-/// Optics are as they were found. `None` when nothing was held out, or no point can be intersected.
+/// Both schemes from a start drawn at random around a solved camera network, on its own observations; the error is that on held-out moments.
+/// Optics stay as they were found. `None` when nothing was held out, or no point can be intersected.
 pub fn convergence(solved: &Solved, options: &ConvergenceOptions) -> Option<Convergence> {
     let members: Vec<usize> =
         (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated).collect();

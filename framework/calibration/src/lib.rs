@@ -1,19 +1,20 @@
-//! From what cameras saw of a light or a wand to a calibration with a verdict. Pure functions: no clock, no I/O, no nodes.
+//! Camera calibration from observations of a waved light, a wand or a board: poses, optics, clocks, covariances and a verdict. Pure functions: no
+//! clock, no I/O, no nodes.
 //!
 //! | module | what it is |
 //! |---|---|
-//! | [`recording`] | what went in: who saw what, where and when, and what is known of the cameras' optics |
-//! | [`solved`] | what came out: cameras, path, the residual of each observation, and what remains open |
+//! | [`recording`] | the input: observations of each camera with their times, and what is known of the cameras' optics |
+//! | [`solved`] | the output: cameras, path, the residual of each observation, and what remains undetermined |
 //! | [`room`] | the way from one to the other with one waved light, from nothing or from an older calibration |
-//! | [`board`] | cameras that see a rigid board: optics and poses in metres |
-//! | [`clocks`] | cameras that share no clock: their offsets from the continuity of the light's path |
+//! | [`board`] | optics and poses, in metres, from a rigid board |
+//! | [`clocks`] | clock offsets of unsynchronised cameras from the continuity of the light's path |
 //! | [`path`] | cameras from a path in space that another system measured, clocks unknown |
-//! | [`wand`] | two lights a known distance apart |
-//! | [`axes`] | metres, the vertical and the origin, and what fixes each how well |
-//! | [`cause`] | what may be wrong about a camera, under names that programs know |
-//! | [`checks`] | what re-projection cannot see, and a verdict in words |
-//! | [`quality`] | two calibrations over the same observations |
-//! | [`coverage`] | where the light has been, for those who wave it |
+//! | [`wand`] | calibration with two lights a known distance apart |
+//! | [`axes`] | scale, vertical and origin, and how well each is fixed |
+//! | [`cause`] | faults of cameras, with fixed names for programs |
+//! | [`checks`] | checks that the re-projection error alone cannot replace, and a verdict in words |
+//! | [`quality`] | compares two calibrations over the same observations |
+//! | [`coverage`] | where the light has been, to guide the person who waves it |
 //! | [`head`] | the axes of pan-tilt heads |
 //! | [`report`] | one HTML page with pictures |
 //! | [`words`] | numbers as a person reads them |

@@ -1,4 +1,4 @@
-//! How well cameras explain what they saw together: to lay an older and a newer calibration over the same observations.
+//! How well cameras explain their common observations: compares an older and a newer calibration over the same recording.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use nalgebra::Point2;
 
 use crate::solved::Solved;
 
-/// How well cameras explain what was seen.
+/// How well a set of cameras explains the observations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
     /// Cameras with a pose that saw something [–].
@@ -22,8 +22,8 @@ pub struct Quality {
 /// Cameras and where each saw a light at one moment.
 type Seen = Vec<(usize, Point2<f64>)>;
 
-/// How well `cameras`, by camera of `solved`, explain its observations; `None` stands for a camera that is not known, which explains nothing.
-/// Points are intersected anew with these cameras, so that no calibration is at an advantage because the points were adjusted to it.
+/// How well `cameras`, by camera of `solved`, explain its observations; `None` is an unknown camera, which explains nothing.
+/// Points are intersected again with these cameras, so that no calibration has an advantage because the points were adjusted to it.
 pub fn quality(solved: &Solved, cameras: &[Option<Camera>], limit_px: f64) -> Quality {
     let mut moments: BTreeMap<(usize, u32), Seen> = BTreeMap::new();
     for it in &solved.observations {
@@ -55,7 +55,7 @@ const LESS_EXPLAINED: f64 = 0.02;
 const FARTHER: (f64, f64) = (1.1, 0.05);
 
 impl Quality {
-    /// By what this is worse than `older`, in a sentence; `None` where it is not.
+    /// In which respect this is worse than `older`, as a sentence; `None` where it is not.
     pub fn worse_than(&self, older: &Quality) -> Option<String> {
         if self.cameras < older.cameras {
             return Some(format!("{} cameras are known, {} were before", self.cameras, older.cameras));
@@ -81,9 +81,9 @@ mod tests {
         let older = Quality { cameras: 4, explained: 0.97, median_px: 0.3 };
         let worse = |it: Quality| it.worse_than(&older);
         assert_eq!(worse(older), None);
-        assert!(worse(Quality { cameras: 3, ..older }).is_some_and(|it| it.contains("3 cameras")));
-        assert!(worse(Quality { explained: 0.9, ..older }).is_some_and(|it| it.contains("90.0 %")));
-        assert!(worse(Quality { median_px: 0.5, ..older }).is_some_and(|it| it.contains("0.50 px")));
+        assert!(worse(Quality { cameras: 3, ..older }).is_some_and(|it| it.contains('3')));
+        assert!(worse(Quality { explained: 0.9, ..older }).is_some_and(|it| it.contains("90.0")));
+        assert!(worse(Quality { median_px: 0.5, ..older }).is_some_and(|it| it.contains("0.50")));
         assert_eq!(worse(Quality { median_px: 0.31, explained: 0.96, ..older }), None);
     }
 }

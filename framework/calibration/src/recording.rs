@@ -1,9 +1,9 @@
-//! What cameras saw, each at its own time, and what is known of their optics.
+//! The input of a calibration: observations of each camera with their times, and what is known of the optics.
 
 use foveate_geometry::{Camera, bundle::Freedom};
 use nalgebra::Point2;
 
-/// Everything that a calibration is made of.
+/// The input of a calibration: cameras and their pictures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
     /// The cameras; a camera's place here is its number.
@@ -13,42 +13,42 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// How people call a camera; its number where it is none of the recording.
+    /// The name of camera `camera`, for messages; its number if the recording has no such camera.
     pub fn name(&self, camera: usize) -> String {
         self.cameras.get(camera).map_or_else(|| format!("number {camera}"), |it| it.name.clone())
     }
 }
 
-/// What is known of a camera beforehand.
+/// A camera with what is known of its optics beforehand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraGuess {
     /// Its name in the rig.
     pub name: String,
-    /// Optics as known or guessed; the pose is of no consequence to a calibration from nothing.
+    /// Optics as known or guessed; a calibration from nothing ignores the pose.
     pub camera: Camera,
-    /// Which of the optics are to be found; the rest is taken as it stands in `camera`.
+    /// Which of the optics are to be found; the rest stays as in `camera`.
     pub free: Freedom,
 }
 
-/// One picture.
+/// One picture of one camera, reduced to its detected spots.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraFrame {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// When, by the camera's clock [s].
+    /// Time by the camera's clock [s].
     pub time_s: f64,
-    /// What it shows, in no particular order.
+    /// The detected spots, in any order.
     pub spots: Vec<Spot>,
 }
 
-/// A light, or a mark of a board, in a picture.
+/// The image of a light, or of a mark of a board, in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spot {
     /// Its centre, raw [px].
     pub pixel: Point2<f64>,
     /// Standard deviation of either coordinate [px].
     pub sigma_px: f64,
-    /// How bright it is, to choose by [gray levels, or any unit].
+    /// Brightness, by which spots are chosen [gray levels, or any unit].
     pub peak: f64,
     /// Which mark it is, where the detector can tell: the corner of a board, the end of a wand.
     pub label: Option<u32>,

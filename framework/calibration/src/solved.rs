@@ -1,4 +1,4 @@
-//! A room that was solved: its cameras, the path of the light, and how each observation fits.
+//! A solved camera network: its cameras, the path of the light, and the residual of each observation.
 
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::{CameraCovariance, Freedom, OpticsPrior};
@@ -6,16 +6,16 @@ use foveate_geometry::self_calibration::{CameraStatus, Link};
 use foveate_scene::uncertainty::Fixed;
 use nalgebra::{Point2, Point3, Vector2};
 
-use crate::cause::Culprit;
+use crate::cause::CameraFault;
 
-/// Cameras, points and observations of a room that was calibrated.
+/// A solved camera network: the result of every calibration, with all cameras, points and observations.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solved {
     /// In the order of the recording.
     pub cameras: Vec<SolvedCamera>,
-    /// The places of lights and marks, by frame and then by label.
+    /// Places of lights and marks, by frame and then by label.
     pub points: Vec<SolvedPoint>,
-    /// What was seen of them.
+    /// Observations of them.
     pub observations: Vec<SolvedObservation>,
     /// How the solution was approached, in order.
     pub steps: Vec<Step>,
@@ -23,10 +23,10 @@ pub struct Solved {
     pub links: Vec<Link>,
     /// What fixes scale, vertical and origin.
     pub fixed: FixedFreedoms,
-    /// By camera: what was to be found of its optics, be it that the observations did not hold it; empty where that is what was found.
+    /// By camera: the optics that were to be found, including those that the observations did not determine; empty where all were found.
     pub asked: Vec<Freedom>,
-    /// What is wrong with cameras, as far as it was found on the way.
-    pub culprits: Vec<Culprit>,
+    /// Faults of cameras that were diagnosed during the solution.
+    pub camera_faults: Vec<CameraFault>,
 }
 
 /// One camera of a [`Solved`] room.
@@ -34,87 +34,87 @@ pub struct Solved {
 pub struct SolvedCamera {
     /// Its name in the rig.
     pub name: String,
-    /// As found; as given where the status says that it could not be.
+    /// The calibrated camera; as given where the status says that it was not calibrated.
     pub camera: Camera,
-    /// Whether it was found, and if not, why.
+    /// Whether it was calibrated, and if not, why.
     pub status: CameraStatus,
-    /// Which of its optics were found rather than given.
+    /// Which of its optics were estimated rather than given.
     pub freed: Freedom,
-    /// What was known of these beforehand, where that is more than nothing.
+    /// What was known of these beforehand, if anything.
     pub prior: Option<OpticsPrior>,
-    /// How well it is known; `None` when it is not calibrated, or the data leave something open.
+    /// Covariance of its parameters; `None` when it is not calibrated, or the data do not determine all of them.
     pub covariance: Option<CameraCovariance>,
     /// Its clock, where clocks were estimated.
     pub clock: Option<ClockFit>,
 }
 
 impl SolvedCamera {
-    /// What was known of its optics beforehand, be it nothing.
+    /// What was known of its optics beforehand; an uninformative prior if nothing was.
     pub fn known_optics(&self) -> OpticsPrior {
         self.prior.clone().unwrap_or_else(|| OpticsPrior::none(&self.camera))
     }
 }
 
-/// How far the clock of a camera is from that of the room: room time = camera time · (1 + `drift`) + `offset_s`.
+/// The clock of a camera relative to the network's: network time = camera time · (1 + `drift`) + `offset_s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockFit {
     /// To be added to the camera's time, at its time 0 [s].
     pub offset_s: f64,
-    /// Seconds of the room for each of the camera's, less 1 [–].
+    /// Seconds of the network's clock for each of the camera's, less 1 [–].
     pub drift: f64,
     /// Standard deviation of the offset in the middle of the recording [s].
     pub sigma_s: f64,
-    /// Pairs of cameras that it was found by: one has no loop that could contradict it; 0 where the clock is the room's or was given.
+    /// Pairs of cameras from which it was found: with one, no loop confirms it; 0 for the reference clock and for given clocks.
     pub pairs: usize,
 }
 
 impl ClockFit {
-    /// The room's time when the camera's clock shows `camera_s` [s].
+    /// The network's time when the camera's clock shows `camera_s` [s].
     pub fn room_s(&self, camera_s: f64) -> f64 {
         camera_s * (1.0 + self.drift) + self.offset_s
     }
 }
 
-/// A place in space, at a time.
+/// The place of a light or mark at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolvedPoint {
-    /// Number of the frame, which is a moment of the room's time.
+    /// Number of the frame, a moment of the network's time.
     pub frame: usize,
     /// That moment [s].
     pub time_s: f64,
     /// Which light or mark; 0 when there is but one.
     pub label: u32,
-    /// Where, in the world [m, or the unit that the scale is in].
+    /// Place in the world [m, or the arbitrary unit while no scale is fixed].
     pub position: Point3<f64>,
 }
 
-/// What became of an observation.
+/// The role of an observation in the solution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ObservationRole {
-    /// The solution was made of it.
+    /// Used in the solution.
     Used,
-    /// It was held out, to test the solution: its point comes from other cameras' observations or other frames'.
+    /// Held out to test the solution: its point comes from observations of other cameras or other frames.
     HeldOut,
-    /// It contradicts the rest.
+    /// Rejected, since it contradicts the rest.
     Rejected,
-    /// Its camera or its point was not found.
+    /// Its camera was not calibrated, or its point not found.
     Unsolved,
 }
 
-/// A light or a mark as a camera saw it.
+/// An observation of a light or mark by one camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolvedObservation {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
     /// Which frame.
     pub frame: usize,
     /// Its place in [`Solved::points`], if that was found.
     pub point: Option<usize>,
-    /// Where it was seen, raw [px].
+    /// Place in the picture, raw [px].
     pub pixel: Point2<f64>,
-    /// Where the solution has it − where it was seen, if both camera and point are known [px].
+    /// Predicted − observed, if both camera and point are known [px].
     pub residual: Option<Vector2<f64>>,
-    /// What became of it.
+    /// Its role in the solution.
     pub role: ObservationRole,
 }
 
@@ -129,7 +129,7 @@ pub struct Step {
     pub used: usize,
 }
 
-/// What fixes the freedoms that pictures alone leave open; `None`: nothing does.
+/// What fixes scale, vertical and origin, which pictures alone do not determine; `None`: not fixed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FixedFreedoms {
     /// The length of a metre; `sigma` is relative.

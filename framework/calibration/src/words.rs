@@ -1,11 +1,11 @@
-//! Numbers as a person reads them.
+//! Numbers in words, for messages.
 
 /// `1 place`, `2 places`.
 pub fn counted(n: usize, one: &str) -> String {
     if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
 }
 
-/// With its sign and so many digits after the point; nothing is `+0.00`, whatever side it comes from.
+/// A number with its sign and this many digits after the point; zero is `+0.00`, never `-0.00`.
 pub fn signed(value: f64, digits: usize) -> String {
     let text = format!("{value:+.digits$}");
     let is_zero = text.bytes().all(|it| matches!(it, b'-' | b'+' | b'0' | b'.'));

@@ -5,10 +5,11 @@ mod check;
 mod compare;
 mod convert;
 mod eval;
+pub mod figures;
 mod graph;
 mod motion_files;
 mod new;
-mod nodes;
+pub mod nodes;
 mod patterns;
 mod plugin;
 mod run;
@@ -29,10 +30,10 @@ use crate::output::{say, wants_color};
 /// Recover motion at mixed scales: a rig in TOML in, targets in 3D out.
 ///
 /// First steps:
-///   foveate run graphs/room.toml        a walking person tracked in the simulated lab
-///   foveate nodes                       the parts that rigs are made of
-///   foveate new rig my_lab              a rig of your own to start from
-///   foveate check my_lab.toml           every fault of a rig, each at its line
+///   foveate run graphs/face_body.toml   the reference rig: a body and a face in the simulated lab
+///   foveate new rig my_lab              write a rig of your own to start from
+///   foveate check my_lab.toml           find every fault of a rig, each at its line
+///   foveate nodes                       list the parts that rigs are made of
 #[derive(Debug, Parser)]
 #[command(name = "foveate", version, verbatim_doc_comment, after_help = EXIT_CODES)]
 pub struct Cli {
@@ -61,6 +62,14 @@ enum Command {
     Convert(Box<convert::ConvertArgs>),
     /// Measure how far apart two motion files are, point by point, or two clouds or surfaces (PLY)
     Compare(compare::CompareArgs),
+    /// Explain figures of a summary: unit, which values are better, what is counted
+    Figures {
+        /// A figure as `summary.json` names it, a pattern such as `surface.*`, or a node type
+        name: Option<String>,
+        /// With those of the libraries that this rig names
+        #[arg(long, value_name = "RIG", value_hint = clap::ValueHint::FilePath)]
+        rig: Option<PathBuf>,
+    },
     /// List the node types, or show one: ports, settings with units and defaults
     Nodes {
         /// A node type, as led.detector
@@ -210,7 +219,7 @@ enum PluginWhat {
 }
 
 impl Cli {
-    /// Does what was asked with the node types of `registry` and of the libraries on the search path; gives the exit code.
+    /// Runs the command with the node types of `registry` and of the libraries on the search path; returns the exit code.
     pub fn run(self, mut registry: Registry) -> u8 {
         for (path, error) in open_search_path(&mut registry) {
             eprintln!("warning: the library `{}` cannot be used: {error}", path.display());
@@ -223,6 +232,10 @@ impl Cli {
             Command::Check { rig } => check::run(&rig, registry),
             Command::Convert(args) => convert::run(&args),
             Command::Compare(args) => compare::run(&args),
+            Command::Figures { name, rig } => match with_libraries(registry, rig.as_deref()) {
+                Ok(registry) => figures::run(name.as_deref(), &registry),
+                Err(code) => code,
+            },
             Command::Nodes { node_type, rig } => match with_libraries(registry, rig.as_deref()) {
                 Ok(registry) => nodes::run(node_type.as_deref(), &registry),
                 Err(code) => code,
@@ -315,4 +328,26 @@ const LONGEST_S: f64 = 1e9;
 fn complain(sentence: &str) -> u8 {
     eprintln!("error: {sentence}");
     exit::INPUT
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the help says to do first: commands that this program has, on a rig that exists.
+    #[test]
+    fn first_steps_of_the_help_are_commands() {
+        let about = Cli::command().get_long_about().unwrap().to_string();
+        let steps: Vec<Vec<&str>> = about
+            .lines()
+            .filter(|it| it.starts_with("  foveate "))
+            .map(|it| it.trim().split("  ").next().unwrap().split(' ').collect())
+            .collect();
+        assert_eq!(steps.iter().map(|it| it[1]).collect::<Vec<_>>(), ["run", "new", "check", "nodes"]);
+        for step in &steps {
+            assert!(Cli::try_parse_from(step).is_ok(), "{step:?}");
+        }
+        let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(steps[0][2]);
+        assert!(rig.is_file(), "{}", rig.display());
+    }
 }

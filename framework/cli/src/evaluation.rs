@@ -28,7 +28,7 @@ pub struct SeedRun {
     pub is_whole: bool,
     /// Its figures by name; a figure without a value is left out.
     pub figures: BTreeMap<String, f64>,
-    /// By figure: unit, and which way is better.
+    /// By figure: unit, and which values are better.
     pub about: BTreeMap<String, (String, Better)>,
 }
 
@@ -61,7 +61,7 @@ impl SeedRun {
 pub struct Spread {
     /// Unit, empty where none was declared.
     pub unit: String,
-    /// Which way is better.
+    /// Which values are better.
     pub better: Better,
     /// By seed, in their order.
     pub values: Vec<(u64, f64)>,
@@ -84,7 +84,7 @@ impl Spread {
         })
     }
 
-    /// The worst seed and its value, where one way is better.
+    /// The worst seed and its value, where the figure has a better direction.
     pub fn worst(&self) -> Option<(u64, f64)> {
         let [low, high] = self.ends();
         match self.better {
@@ -144,7 +144,7 @@ pub struct Evaluation {
     pub runs: Vec<SeedRun>,
     /// Whether a signal came before all seeds had their runs.
     pub interrupted: bool,
-    /// How many seeds were asked for.
+    /// How many seeds were requested.
     pub n_asked: usize,
 }
 
@@ -252,7 +252,7 @@ impl Evaluation {
         text
     }
 
-    /// The table for people: figures of which one way is better, those of single cameras together; with `all`, every figure.
+    /// The table for people: figures with a better direction, those of single cameras together; with `all`, every figure.
     pub fn table(&self, cameras: &[String], all: bool) -> String {
         let mut rows: BTreeMap<String, Spread> = BTreeMap::new();
         for (name, spread) in self.figures() {
@@ -290,12 +290,12 @@ impl Evaluation {
             text.push('\n');
         }
         if n_hidden > 0 && !all {
-            let _ = writeln!(text, "… and {n_hidden} figures of which neither way is better (--all, eval.json)");
+            let _ = writeln!(text, "… and {n_hidden} figures without a better direction (--all, eval.json)");
         }
         text
     }
 
-    /// `eval.svg`: a frame for each figure that differs between seeds and of which one way is better; a dot for each seed, a line at the median.
+    /// `eval.svg`: a frame for each figure that differs between seeds and has a better direction; a dot for each seed, a line at the median.
     pub fn picture(&self) -> String {
         let n_whole = self.runs.iter().filter(|it| it.is_whole).count();
         let title = match (self.interrupted, n_whole == self.n_asked) {
@@ -306,7 +306,7 @@ impl Evaluation {
         let figures: Vec<(&str, Spread)> =
             self.figures().into_iter().filter(|(_, it)| it.better != Better::Neither && it.varies()).collect();
         if figures.is_empty() {
-            return nothing(&title, "no figure of which one way is better differs between seeds");
+            return nothing(&title, "no figure with a better direction differs between seeds");
         }
         let charts = figures.iter().map(|(name, spread)| {
             let unit = if spread.unit.is_empty() { "–" } else { &spread.unit };

@@ -1,6 +1,6 @@
 //! The `foveate` program: the only room that knows all the others and the built-in plugins.
 
-/// As that of the standard library, but for a standard error that is gone (a closed terminal, a pipe that nobody reads): no reason to fail.
+/// As that of the standard library, but does not fail where standard error is gone (a closed terminal or pipe).
 macro_rules! eprintln {
     ($($words:tt)*) => { $crate::output::tell(format_args!("{}\n", format_args!($($words)*))) };
 }
@@ -46,7 +46,7 @@ pub fn registry() -> Registry {
     registry
 }
 
-/// The whole `foveate` program with the node types of `registry`: reads the command line, does what it asks, gives the exit code.
+/// The whole `foveate` program with the node types of `registry`: reads the command line, runs the command, returns the exit code.
 ///
 /// So an author's own program has all commands for nodes that are linked into it:
 ///

@@ -5,7 +5,7 @@ mod figures;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use foveate_engine::{FaultRecord, GapRecord, Outcome, Unmet};
 use foveate_node::error::Blame;
@@ -33,7 +33,7 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
     let (table, n_left_out) = figures::table(graph, outcome);
     table.iter().for_each(|it| line(it));
     if n_left_out > 0 {
-        line(&format!("  … and {n_left_out} more in summary.json"));
+        line(&format!("  … and {n_left_out} more in summary.json; `foveate figures NAME` explains one"));
     }
     for (remark, others) in
         alike(&outcome.report.remarks, |it| kind(|word| graph.calibration.index_of(word).is_some(), it))
@@ -46,14 +46,34 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         let more = if *others == 0 { String::new() } else { format!("; and {others} like it, in events.csv") };
         line(&format!("requirement not met{must}: {}: {}{more}", unmet.edge, unmet.what));
     }
-    let _ = writeln!(text, "results: {}/", folder.display());
-    let files = &outcome.report.files;
-    let mut names: Vec<_> = files.iter().take(FILES_SHOWN).map(|it| it.display().to_string()).collect();
-    if files.len() > FILES_SHOWN {
-        names.push(format!("… and {} more", files.len() - FILES_SHOWN));
-    }
-    let _ = writeln!(text, "  summary.json  {}", names.join("  "));
+    files(&mut text, &outcome.report.files, folder);
     text
+}
+
+/// Where the results are, which picture to open first, and the other files.
+fn files(text: &mut String, files: &[PathBuf], folder: &Path) {
+    let is_picture = |it: &&PathBuf| it.extension().is_some_and(|it| it == "svg" || it == "png" || it == "html");
+    let (pictures, others): (Vec<_>, Vec<_>) = files.iter().partition(is_picture);
+    let list = |names: &[&PathBuf]| {
+        let mut shown: Vec<_> = names.iter().take(FILES_SHOWN).map(|it| it.display().to_string()).collect();
+        if names.len() > FILES_SHOWN {
+            shown.push(format!("… and {} more", names.len() - FILES_SHOWN));
+        }
+        shown.join("  ")
+    };
+    if let Some((first, rest)) = pictures.split_first() {
+        let _ = writeln!(
+            text,
+            "open {} in a browser{}",
+            folder.join(first).display(),
+            if rest.is_empty() { "" } else { "; then:" }
+        );
+        if !rest.is_empty() {
+            let _ = writeln!(text, "  {}", list(rest));
+        }
+    }
+    let _ = writeln!(text, "results: {}/", folder.display());
+    let _ = writeln!(text, "  summary.json  {}", list(&others));
 }
 
 /// What went wrong, a line each, for who wants to read nothing else: failures of nodes, and promises marked `must` that were not kept.

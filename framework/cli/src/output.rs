@@ -1,4 +1,4 @@
-//! Words on the terminal: standard output that may be a closed pipe, and colour where somebody sees it.
+//! Output on the terminal: standard output that may be a closed pipe, and colour where standard error is a terminal.
 
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,12 +18,12 @@ pub fn say(text: &str) {
     }
 }
 
-/// Writes to standard error; where that is gone nobody can be told.
+/// Writes to standard error; does nothing where that is gone.
 pub fn tell(words: std::fmt::Arguments<'_>) {
     drop(std::io::stderr().lock().write_fmt(words));
 }
 
-/// Whether something that was to be said on standard output is lost.
+/// Whether output on standard output was lost.
 pub fn failed() -> bool {
     FAILED.load(Ordering::Relaxed)
 }

@@ -10,16 +10,16 @@ use foveate_engine::Progress;
 use foveate_messages::CameraId;
 use foveate_rig::graph::Graph;
 
-/// Where nobody watches a terminal, one line in so long.
+/// Without a terminal, one line per interval.
 const PLAIN_PERIOD: Duration = Duration::from_secs(5);
 
-/// A head or a camera that was not heard for so long is said to be away [s].
+/// A head or a camera without messages for this long counts as away [s].
 const QUIET_S: f64 = 2.0;
 
 /// Shows progress on standard error: one line that is rewritten on a terminal, a line now and then elsewhere.
 pub struct Line {
     duration_s: Option<f64>,
-    /// By edge: what it tells.
+    /// By edge: what it carries.
     kinds: Vec<Kind>,
     /// How many cameras the sources of the rig serve.
     n_cameras: usize,
@@ -137,7 +137,7 @@ impl Line {
         let targets = targets.map_or("-".to_owned(), |it| it.to_string());
         let heads = match away {
             0 => String::new(),
-            _ => format!("   {away} of {heads} heads not heard"),
+            _ => format!("   {away} of {heads} heads silent"),
         };
         let unmet = if unmet == 0 { String::new() } else { format!("   {unmet} requirements unmet") };
         format!(

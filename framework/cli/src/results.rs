@@ -19,7 +19,7 @@ foveate_node::figures! {
     pub const OF_THE_RUN;
     "session_s": s, neither, "Session time at the end of the run";
     "messages.delivered": count, neither, "Messages delivered, over all edges";
-    "messages.dropped": count, low, "Messages dropped since what they went to did not keep up, over all edges";
+    "messages.dropped": count, low, "Messages dropped because their consumers did not keep up, over all edges";
     "messages.suspended": count, neither, "Messages that a scale without its target did not get, over all edges";
     "messages.late": count, low, "Messages captured before one that was delivered earlier, over all edges";
     "gaps": count, low, "Messages that nodes declared missing";

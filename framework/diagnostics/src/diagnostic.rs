@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Bytes of the rig's text.
 pub type Span = Range<usize>;
 
-/// Diagnostics among which a repetition is looked for.
+/// Latest diagnostics that are searched for a repetition.
 const RECENT: usize = 100;
 
 /// Whether a rig can run in spite of it.
@@ -45,19 +45,19 @@ impl Diagnostic {
         (self.line, self.column)
     }
 
-    /// Says what to do about it.
+    /// Adds help: what to do about it.
     pub fn help(&mut self, help: impl fmt::Display) -> &mut Self {
         self.help = Some(help.to_string());
         self
     }
 
-    /// Says what to do about it, where that is known.
+    /// Adds help, where there is any.
     pub fn maybe_help(&mut self, help: Option<String>) -> &mut Self {
         self.help = help.or(self.help.take());
         self
     }
 
-    /// Shows another place that belongs to it.
+    /// Adds another place that belongs to it.
     pub fn also(&mut self, span: Span, label: impl fmt::Display) -> &mut Self {
         self.others.push((span, label.to_string()));
         self
@@ -129,7 +129,7 @@ impl Findings {
         &mut self.list[last]
     }
 
-    /// Whether nobody has said `label` of `span` yet.
+    /// Whether no diagnostic has `label` at `span` yet.
     pub fn is_new(&self, span: &Span, label: &str) -> bool {
         !self.list.iter().rev().take(RECENT).any(|it| it.span == *span && it.label == label)
     }

@@ -4,6 +4,7 @@
 //! those behind it, and each row has the number of its line.
 
 use std::borrow::Cow;
+use std::fmt;
 use std::io::{Cursor, SeekFrom};
 
 use csv::{Position, Reader, ReaderBuilder, StringRecord, Terminator, WriterBuilder};
@@ -120,9 +121,32 @@ pub fn quoted(text: &str) -> String {
     line
 }
 
+/// A number as a field with so many decimals; what is not finite is an empty field.
+#[must_use]
+pub fn number(value: f64, decimals: usize) -> impl fmt::Display {
+    Number { value, decimals }
+}
+
+struct Number {
+    value: f64,
+    decimals: usize,
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.value.is_finite() { write!(f, "{:.*}", self.decimals, self.value) } else { Ok(()) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_number_that_is_not_finite_is_an_empty_field() {
+        let fields = [1.0 / 3.0, -0.5, f64::NAN, f64::INFINITY].map(|it| number(it, 2).to_string());
+        assert_eq!(fields, ["0.33", "-0.50", "", ""]);
+    }
 
     fn split(line: &str) -> Vec<String> {
         Splitter::new(',').split(line).iter().map(str::to_owned).collect()

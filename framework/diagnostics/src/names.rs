@@ -31,12 +31,12 @@ where
     let known = known.into_iter();
     match likely(found, known.clone()) {
         Some(name) => format!("did you mean `{name}`?"),
-        None => there_is(what, known),
+        None => available(what, known),
     }
 }
 
 /// What there is: "`a`, `b` and `c`", or that there is none.
-pub fn there_is<'n>(what: &str, known: impl IntoIterator<Item = &'n str>) -> String {
+pub fn available<'n>(what: &str, known: impl IntoIterator<Item = &'n str>) -> String {
     match listed(known) {
         Some(list) => format!("{what}: {list}"),
         None => format!("{what}: none"),

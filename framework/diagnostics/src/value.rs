@@ -128,7 +128,7 @@ impl Findings {
     }
 }
 
-/// A table that is taken apart key by key; what nobody asked for is a fault at the end.
+/// A table that is read key by key; every key left over at the end is a fault.
 pub struct Keys<'t> {
     /// What is left of it.
     pub table: DeTable<'t>,

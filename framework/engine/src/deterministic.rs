@@ -21,15 +21,15 @@ use foveate_rig::graph::Graph;
 
 /// The wall clock is looked at once in so many events.
 const EVENTS_PER_CLOCK_READ: u64 = 16;
-/// Longest sleep of a paced run: bounds how late it sees that it is to be stopped.
+/// Longest sleep of a paced run: bounds how late it notices a stop request.
 const LONGEST_PAUSE: Duration = Duration::from_millis(50);
-/// Pause before a source that has nothing yet is asked again.
+/// Pause before a source that has nothing yet is polled again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
-/// How long a run that was given up waits for what else is at work.
+/// How long an abandoned run waits for other work in progress.
 const GRACE: Duration = Duration::from_secs(2);
 
-/// What the thread that runs the graph shares with the one that looks on.
+/// What the thread that runs the graph shares with the monitoring thread.
 struct Shared {
     /// All nodes that no lane has. Locked while they work.
     main: Mutex<Stage>,
@@ -157,7 +157,7 @@ impl Events {
         }
     }
 
-    /// Until no source gives anything any more; gives the time at the end and whether the run was stopped.
+    /// Runs until all sources are exhausted; returns the time at the end and whether the run was stopped.
     fn run(&mut self) -> (Time, bool) {
         (0..self.graph.instances.len()).for_each(|it| self.ask(it));
         let mut last_shown = self.started;

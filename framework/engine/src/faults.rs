@@ -12,7 +12,7 @@ use foveate_node::io::Gap;
 pub struct FaultRecord {
     /// The node instance.
     pub instance: String,
-    /// Whose fault it is.
+    /// Whether the rig or the program is at fault.
     pub blame: Blame,
     /// What happened.
     pub message: String,

@@ -1,4 +1,4 @@
-//! Which scales are suspended: what their anchors say, passed on to all that nest in them.
+//! Which scales are suspended: the state of their anchors, inherited by all scales nested in them.
 //!
 //! The engine looks at a scale's gate before it hands a message to a detector, integrator or model filter of that scale; all else
 //! goes on, so that heads can find the target again. Each spell of a scale is noted with its reason.
@@ -13,7 +13,7 @@ use foveate_node::node::{Node, Role};
 use foveate_node::scale::ScaleAnchor;
 use foveate_rig::graph::{Graph, Instance};
 
-/// Spells that are kept one by one; more are only counted.
+/// Suspensions that are kept one by one; more are only counted.
 const KEPT: usize = 100;
 
 /// When and why one scale was suspended.
@@ -26,12 +26,12 @@ pub struct Suspensions {
     /// How long altogether.
     pub time: Interval,
     /// The first of these spells.
-    pub spells: Vec<Spell>,
+    pub spells: Vec<SuspensionSpan>,
 }
 
 /// Once that a scale was suspended; times are those of the targets that said so.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Spell {
+pub struct SuspensionSpan {
     /// From then on.
     pub from: Time,
     /// When it was resumed; `None`: it was not.
@@ -40,7 +40,7 @@ pub struct Spell {
     pub why: String,
 }
 
-/// The gate of one scale, as those see it whom it concerns: a number that counts up whenever it opens or closes, odd while it is
+/// The gate of one scale as its nodes see it: a counter that rises whenever the gate opens or closes, odd while it is
 /// closed.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Gate(Arc<AtomicU64>);
@@ -184,7 +184,7 @@ impl Gates {
                     scale.since = Some(time);
                     scale.log.count += 1;
                     if scale.log.spells.len() < KEPT {
-                        scale.log.spells.push(Spell { from: time, until: None, why });
+                        scale.log.spells.push(SuspensionSpan { from: time, until: None, why });
                     }
                     self.gates[index].activation();
                 }

@@ -1,4 +1,4 @@
-//! The ways in which an input port takes data.
+//! Input policies: how an input port takes data.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,7 @@ pub(crate) enum Inbox {
     Fresh(Fresh),
 }
 
-/// What became of a message that was put into an inbox.
+/// Outcome of putting a message into an inbox.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Put {
     /// The port may trigger.
@@ -34,7 +34,7 @@ pub(crate) enum Put {
     Refused,
 }
 
-/// What becomes of a message that waits.
+/// Outcome of a message that waits.
 pub(crate) enum DeliveryOutcome<'p> {
     /// It goes to the node.
     Taken(&'p Packet),
@@ -44,7 +44,7 @@ pub(crate) enum DeliveryOutcome<'p> {
     Missing,
 }
 
-/// Is told the source of a message and what becomes of it.
+/// Called with the source of a message and its outcome.
 pub(crate) type OnOutcome<'t> = &'t mut dyn FnMut(usize, DeliveryOutcome<'_>);
 
 impl Inbox {
@@ -83,8 +83,8 @@ impl Inbox {
         }
     }
 
-    /// Puts in a message while the node is busy: of each source no more than the edge's queue holds may wait. Nobody can be
-    /// made to wait on a logical clock, so that `wait` lets the line grow.
+    /// Puts in a message while the node is busy: of each source no more than the edge's queue holds may wait. A producer
+    /// cannot be made to wait on a logical clock, so that `wait` lets the queue grow.
     pub(crate) fn put_bounded(&mut self, source: usize, packet: Packet, limit: Queue) -> Put {
         if self.waiting(source) < limit.capacity {
             return self.put(source, packet);

@@ -64,7 +64,7 @@ struct Bundle {
     left: Vec<Left>,
     /// Sources that have been activated, and when they want to be next.
     due: Vec<(usize, Due)>,
-    /// What its part of a round took of late.
+    /// Recent duration of its part of a round.
     typical: Duration,
     /// The words of a panic of the engine itself.
     said: Option<String>,
@@ -139,9 +139,9 @@ pub(crate) struct Lanes {
     incoming: Vec<Incoming>,
     /// Bundles of lanes that may be ahead.
     ahead: Vec<usize>,
-    /// Scales whose gates may turn, and how often they have, as lanes that are ahead have been told.
+    /// Scales whose gates may turn, and how often they have turned as far as lanes that are ahead know.
     turned: Mutex<Vec<(usize, Gate, u64)>>,
-    /// By bundle: what it is at, for who looks on.
+    /// By bundle: its activity, for monitoring.
     at: Vec<Arc<AtomicU64>>,
     /// By instance: the stage of its lane.
     bundle_of: Vec<Option<usize>>,
@@ -231,7 +231,7 @@ impl Lanes {
         self.round
     }
 
-    /// What each stage is at, for who looks on.
+    /// The activity of each stage, for monitoring.
     pub(crate) fn at(&self) -> &[Arc<AtomicU64>] {
         &self.at
     }
@@ -356,7 +356,7 @@ impl Lanes {
         self.end_moment(busy, left)
     }
 
-    /// Shows each stage that nobody is at.
+    /// Shows each stage that no thread works on.
     pub(crate) fn each(&self, mut show: impl FnMut(&Stage)) {
         self.bundles.iter().filter_map(try_lock).for_each(|it| show(&it.stage));
     }

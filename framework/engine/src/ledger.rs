@@ -1,4 +1,4 @@
-//! What each edge measured: rate, age at delivery, gaps, drops, late arrivals, quality; and whether it kept its promise.
+//! Measurements on each edge: rate, age at delivery, gaps, drops, late arrivals, quality; and whether its requirement is met.
 //!
 //! "The interfaces are precisely where the challenge lies" [Davis 2002 §2.3–2.5]: a shortcoming of a rig shows as a
 //! shortcoming of the data at one named edge.
@@ -8,7 +8,7 @@ use foveate_messages::{Interval, Quality, SourceId, Stamp, Time};
 use crate::Gate;
 use foveate_rig::graph::Requirement;
 
-/// Every message's quality is asked for at first, then of one in so many.
+/// The quality of every message is sampled at first, then of one in so many.
 const QUALITY_STRIDE: u64 = 16;
 
 /// Non-negative durations [ns] in buckets of 1/32 octave: any percentile to 3 %, 5 kB, no allocation after the first.
@@ -94,7 +94,7 @@ pub struct Ledger {
     sigma_sum: f64,
     sigma_count: u64,
     sources: Vec<(SourceId, u64, Time)>,
-    /// The words of the first panic of a payload that was asked for its quality.
+    /// The text of the first panic of a payload while its quality was computed.
     pub(crate) quality_fault: Option<Box<str>>,
     /// Of the scale that the messages come from, and how often it had been turned when it was last looked at.
     gate: Option<Box<(Gate, u64)>>,

@@ -27,7 +27,7 @@ use foveate_messages::Time;
 
 pub use faults::{FaultRecord, GapRecord};
 pub(crate) use gates::Gate;
-pub use gates::{Spell, Suspensions};
+pub use gates::{SuspensionSpan, Suspensions};
 
 use crate::ledger::Ledger;
 use foveate_node::error::{Blame, NodeError};
@@ -41,7 +41,7 @@ foveate_node::figures! {
     "scale.suspended_s.*": s, low, "Session time in which the scale of that name was without its target";
 }
 
-/// How often a run is shown.
+/// How often progress is shown.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(200);
 
 /// How to run.
@@ -56,7 +56,7 @@ pub struct Options {
     pub workers: Option<usize>,
     /// A run that is not live lets nothing happen before its time on the wall clock, counted from the start of the run.
     pub paced: bool,
-    /// A run gives a node up that does not come back from an activation for so long once the run should end; `None`: ten seconds. While
+    /// A run abandons a node that does not return from an activation within this time once the run should end; `None`: ten seconds. While
     /// the run goes on it waits six times as long.
     pub patience: Option<Duration>,
 }
@@ -67,7 +67,7 @@ impl Options {
     }
 }
 
-/// Where a run is, for people to look at.
+/// Progress of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
     /// Session time.
@@ -91,7 +91,7 @@ pub struct EdgeView {
     pub unmet: bool,
 }
 
-/// What a run leaves behind.
+/// The outcome of a run.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Figures and files of the nodes.
@@ -126,7 +126,7 @@ pub struct Unmet {
 }
 
 impl Outcome {
-    /// Whose fault the worst failure is, if there was one.
+    /// Cause of the worst failure, if there was one.
     pub fn blame(&self) -> Option<Blame> {
         self.faults.iter().map(|it| it.blame).max()
     }
@@ -179,7 +179,7 @@ fn name_libraries(graph: &Graph, faults: &mut [FaultRecord]) {
     }
 }
 
-/// Part of the messages of an edge that may be dropped without a word.
+/// Part of the messages of an edge that may be dropped without a note.
 const QUIET_DROPS: f64 = 0.01;
 
 /// Says where messages were dropped since their consumer did not keep up.
@@ -190,7 +190,7 @@ fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
     let worst = graph.edges.iter().zip(ledgers).max_by(|a, b| part(a.1).total_cmp(&part(b.1)));
     if let Some((edge, ledger)) = worst.filter(|it| part(it.1) > QUIET_DROPS) {
         report.remark(format!(
-            "{dropped} of {all} messages were dropped since what they went to did not keep up; worst: {} of {} at {}",
+            "{dropped} of {all} messages were dropped because their consumers did not keep up; worst: {} of {} at {}",
             ledger.dropped,
             ledger.dropped + ledger.delivered,
             edge.name

@@ -30,7 +30,7 @@ const FULL_PAUSE: Duration = Duration::from_micros(50);
 const LOOKOUT: Duration = Duration::from_micros(250);
 /// Looks between two looks at the clock.
 const LOOKS_A_CLOCK: u32 = 32;
-/// Pause before a device that has nothing yet is asked again.
+/// Pause before a device that has nothing yet is polled again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
 /// What the workers share.

@@ -17,7 +17,7 @@ pub(crate) trait Work: Send + Sync + 'static {
 
 /// A round that takes less is not worth waking threads for.
 pub(crate) const WORTH_SHARING: Duration = Duration::from_micros(150);
-/// How often one that waits for others looks whether the run was given up.
+/// How often a waiting thread checks whether the run was abandoned.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Which rounds there are; the first kind goes first.
@@ -77,7 +77,7 @@ impl<W: Work> Rounds<W> {
         }
     }
 
-    /// Begins a round until `until` of the bundles `busy`, each with the time that it takes of late.
+    /// Begins a round until `until` of the bundles `busy`, each with its recent duration.
     pub(crate) fn begin(&mut self, kind: Kind, busy: &[(Duration, usize)], until: Time) {
         let expected: Duration = busy.iter().map(|it| it.0).sum();
         let is_shared =
@@ -92,7 +92,7 @@ impl<W: Work> Rounds<W> {
         }
     }
 
-    /// Waits until the round of this kind is done, and works on it meanwhile; `false`: the run was given up before.
+    /// Waits until the round of this kind is done, and works on it meanwhile; `false`: the run was abandoned before.
     pub(crate) fn join(&mut self, kind: Kind) -> bool {
         loop {
             while let Ok(done) = self.done.try_recv() {
@@ -115,7 +115,7 @@ impl<W: Work> Rounds<W> {
         }
     }
 
-    /// Sends all threads home; waits for them unless the run was given up.
+    /// Ends all threads; waits for them unless the run was abandoned.
     pub(crate) fn end(self) {
         let Rounds { threads, jobs, is_abandoned, .. } = self;
         drop(jobs);

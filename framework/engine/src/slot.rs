@@ -35,9 +35,9 @@ pub(crate) struct Slot {
     pub(super) gate: Option<Gate>,
     /// What it gave out and its consumers cannot take yet; until they have, it takes nothing itself.
     pub(super) parked: VecDeque<Parked>,
-    /// How often in a row it was made anew without an activation that went well.
+    /// Restarts in a row without a successful activation.
     pub(super) restarts: u32,
-    /// When it is made anew; there while it is not.
+    /// When it is restarted; `None` while it runs.
     pub(super) restart_at: Option<Time>,
     /// Whether it has neither of the two above: looked at on every hop.
     pub(super) is_plain: bool,

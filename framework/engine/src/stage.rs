@@ -307,10 +307,10 @@ impl Stage {
             match finisher.run(node, Job::Drop) {
                 Some((_, _, Err(said))) => {
                     let path = &self.graph.instances[index].path;
-                    self.faults.failure(path, now, &NodeError::program(said), "while it was let go");
+                    self.faults.failure(path, now, &NodeError::program(said), "while it was dropped");
                 }
                 Some(_) => {}
-                None => self.left_behind(index, now, "while it was let go"),
+                None => self.left_behind(index, now, "while it was dropped"),
             }
         }
         for (edge, end) in self.graph.edges.iter().zip(&mut self.ends) {

@@ -1,4 +1,4 @@
-//! Looks from outside whether a thread comes back from the activations of its nodes: a thread cannot be ended, but it can be left behind.
+//! Watchdog: whether a thread returns from the activations of its nodes. A thread cannot be ended, but it can be abandoned.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use foveate_node::error::NodeError;
 
-/// A node that does not come back from an activation in this time once the run should end is given up, and its thread with it; before that it
+/// A node that does not return from an activation in this time once the run should end is abandoned, and its thread with it; before that it
 /// is in so many times as much.
 const PATIENCE: Duration = Duration::from_secs(10);
 const PATIENCE_MEANWHILE: u32 = 6;
@@ -28,12 +28,12 @@ impl Watch {
         Watch { at, last: 0, looked: Instant::now(), held: Duration::ZERO, is_lost: false }
     }
 
-    /// Whether the stage was given up.
+    /// Whether the stage was abandoned.
     pub(crate) fn is_lost(&self) -> bool {
         self.is_lost
     }
 
-    /// The node in whose activation the stage has been for `longest`; told once.
+    /// The node in whose activation the stage has been for `longest`; reported once.
     pub(crate) fn stuck(&mut self, longest: Duration) -> Option<usize> {
         let at = self.at.load(Ordering::Relaxed);
         let step = std::mem::replace(&mut self.looked, Instant::now()).elapsed().min(LONGEST_STEP);
@@ -55,7 +55,7 @@ pub(crate) fn patience(asked: Option<Duration>, is_ending: bool) -> Duration {
     asked.unwrap_or(PATIENCE) * if is_ending { 1 } else { PATIENCE_MEANWHILE }
 }
 
-/// What is said of a node that was left behind after `longest`.
+/// The message about a node that was abandoned after `longest`.
 pub(crate) fn left_behind(longest: Duration) -> NodeError {
     NodeError::program(format_args!(
         "has not come back from an activation for {:.1} s: the run ends without it and the nodes that share its thread",

@@ -1,14 +1,33 @@
-//! Which row belongs to which column, at what cost: measurements to tracks, heads to targets.
+//! Optimal and greedy assignment of rows to columns with a gate: measurements to tracks, heads to targets.
 //!
-//! Costs come as a row-major matrix; one above the gate, or NaN, forbids the pair. Rows and columns may stay alone.
+//! Costs are a row-major matrix; a cost above the gate, or NaN, forbids the pair. Rows and columns may stay unassigned.
 //!
-//! [`optimal`] minimises the sum of the costs of the pairs plus the gate for each row left alone: a pair pays exactly when its
+//! [`optimal`] minimises the sum of the costs of the pairs plus the gate for each unassigned row: a pair is made exactly when its
 //! cost does not exceed what it saves. It augments along shortest paths, row after row, in O(rows² × columns), after
 //! R. Jonker and A. Volgenant, "A shortest augmenting path algorithm for dense and sparse linear assignment problems",
-//! Computing 38, 1987; staying alone is a column of the row's own, which no other row reaches.
-//! [`nearest_greedy`] takes the cheapest pair again and again: quicker, and wrong where targets are close together.
-
-/// Memory that the functions here reuse: after the first call of a size they allocate nothing.
+//! Computing 38, 1987; staying unassigned is a column of the row's own, which no other row reaches.
+//! [`nearest_greedy`] takes the cheapest remaining pair again and again: faster, and wrong where targets are close together.
+//!
+//! ```
+//! use foveate_estimation::{Workspace, nearest_greedy, optimal};
+//!
+//! // Squared distances of two tracks (rows) to three detections (columns); pairs above the gate are forbidden.
+//! let costs = [
+//!     1.0, 2.0, 30.0, // track 0
+//!     0.5, 4.0, 30.0, // track 1
+//! ];
+//! let (mut workspace, mut assigned) = (Workspace::default(), Vec::new());
+//! optimal(&costs, 2, 3, 9.0, &mut workspace, &mut assigned);
+//! assert_eq!(assigned, [Some(1), Some(0)]); // 2.0 + 0.5; detection 2 is left for a new track
+//!
+//! // With a gate of 1.5, track 0 stays unassigned: its 1.0 would cost track 1 its 0.5.
+//! optimal(&costs, 2, 3, 1.5, &mut workspace, &mut assigned);
+//! assert_eq!(assigned, [None, Some(0)]);
+//!
+//! nearest_greedy(&costs, 2, 3, 9.0, &mut workspace, &mut assigned);
+//! assert_eq!(assigned, [Some(1), Some(0)]);
+//! ```
+/// Memory that both functions reuse: after the first call of a size they allocate nothing.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace {
     row_of_column: Vec<Option<usize>>,
@@ -20,13 +39,13 @@ pub struct Workspace {
     pairs: Vec<(f64, usize, usize)>,
 }
 
-/// Assigns each row a column, or none, so that the sum of the costs plus `gate` for each row without one is least.
+/// Assigns each row a column, or none, so that the sum of the costs plus `gate` for each unassigned row is least.
 ///
-/// `costs[row * columns + column]`; costs may be negative. With an infinite `gate` as many rows as possible get a
-/// column. The answer, one entry a row, replaces the contents of `assigned`.
+/// `costs[row * columns + column]`; costs may be negative. With an infinite `gate`, as many rows as possible get a
+/// column. The result, one entry a row, replaces the contents of `assigned`.
 ///
 /// # Panics
-/// When `costs` has not `rows × columns` entries.
+/// When `costs` does not have `rows × columns` entries.
 pub fn optimal(
     costs: &[f64],
     rows: usize,
@@ -113,8 +132,8 @@ pub fn optimal(
     }
 }
 
-/// Assigns the pair of least cost, then the cheapest among the rest, and so on up to `gate`; equal costs in the order of
-/// rows, then columns. Arguments, answer and panic as for [`optimal`].
+/// Assigns the pair of least cost, then the cheapest among the rest, and so on up to `gate`; ties in the order of
+/// rows, then columns. Arguments, result and panic as for [`optimal`].
 pub fn nearest_greedy(
     costs: &[f64],
     rows: usize,

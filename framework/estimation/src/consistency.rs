@@ -1,4 +1,4 @@
-//! Whether a filter's errors are as large as it says: the mean of its normalised squared innovations against χ².
+//! Filter consistency: compares the mean normalised squared innovation with χ².
 //!
 //! If model and noise are right, νᵀ S⁻¹ ν of a measurement of d numbers is χ² with d degrees of freedom, and the innovations
 //! are independent, so their sum is χ² with as many as all measurements together (Y. Bar-Shalom, X. Li, T. Kirubarajan,
@@ -6,18 +6,18 @@
 //! distribution of chi-square", PNAS 17, 1931: χ²ₚ(k) ≈ k (1 − 2/(9k) + zₚ √(2/(9k)))³, good to 1 % from
 //! k = 3 in the upper tail.
 
-/// What the innovations say about the filter.
+/// Result of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Errors are as large as stated, as far as can be told.
+    /// Errors are as large as stated, within the test's limits.
     Consistent,
-    /// Errors are larger than stated: noise set too low, a wrong model or wrong associations.
+    /// Errors are larger than stated: process or measurement noise too low, a wrong model, or wrong associations.
     Overconfident,
-    /// Errors are smaller than stated: noise set too high.
-    Timid,
+    /// Errors are smaller than stated: noise too high.
+    Underconfident,
 }
 
-/// The running mean of normalised squared innovations.
+/// Running mean of normalised squared innovations (NIS), and the χ² test on it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Consistency {
     squared: f64,
@@ -26,8 +26,8 @@ pub struct Consistency {
 }
 
 impl Consistency {
-    /// Takes in the normalised squared innovation of a measurement of `degrees` numbers (2 for a pixel). What is not finite
-    /// or negative is passed over.
+    /// Takes in the normalised squared innovation of a measurement of `degrees` numbers (2 for a pixel). Values that
+    /// are negative or not finite are ignored.
     #[inline]
     pub fn observe(&mut self, normalised_squared: f64, degrees: usize) {
         if normalised_squared >= 0.0 && normalised_squared.is_finite() {
@@ -37,14 +37,14 @@ impl Consistency {
         }
     }
 
-    /// Adds what another one saw.
+    /// Adds the observations of `other`.
     pub fn merge(&mut self, other: &Consistency) {
         self.squared += other.squared;
         self.degrees += other.degrees;
         self.count += other.count;
     }
 
-    /// Observations taken in.
+    /// Number of observations taken in.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -56,7 +56,7 @@ impl Consistency {
         (self.degrees > 0.0).then(|| self.squared / self.degrees)
     }
 
-    /// Between which the mean of a consistent filter lies, with the probability that a normal number lies within `sigmas`
+    /// Bounds of the mean of a consistent filter, with the probability that a normal number lies within `sigmas`
     /// standard deviations (2.58: 99 %). From 0 to infinity before the first observation.
     pub fn bounds(&self, sigmas: f64) -> (f64, f64) {
         if self.degrees == 0.0 {
@@ -66,19 +66,19 @@ impl Consistency {
         (at(-sigmas), at(sigmas))
     }
 
-    /// The test at `sigmas` standard deviations. Many observations show the least fault; `tolerance` is the part by which the
-    /// mean may lie beyond its bounds all the same (0: the test alone).
+    /// The test at `sigmas` standard deviations. Many observations reveal even a negligible fault; `tolerance` is the
+    /// part by which the mean may lie beyond its bounds all the same (0: the test alone).
     pub fn verdict(&self, sigmas: f64, tolerance: f64) -> Verdict {
         let (low, high) = self.bounds(sigmas);
         match self.mean() {
             Some(mean) if mean > high * (1.0 + tolerance) => Verdict::Overconfident,
-            Some(mean) if mean < low / (1.0 + tolerance) => Verdict::Timid,
+            Some(mean) if mean < low / (1.0 + tolerance) => Verdict::Underconfident,
             _ => Verdict::Consistent,
         }
     }
 }
 
-/// The value below which a χ² number of so many degrees of freedom lies as often as a normal one lies below `sigmas`.
+/// Quantile of χ² with `degrees` degrees of freedom, at the probability that a normal number lies below `sigmas`.
 pub fn chi_squared_quantile(degrees: f64, sigmas: f64) -> f64 {
     let ninth = 2.0 / (9.0 * degrees);
     degrees * (1.0 - ninth + sigmas * ninth.sqrt()).max(0.0).powi(3)
@@ -120,7 +120,7 @@ mod tests {
             counts[match consistency.verdict(2.575829, 0.0) {
                 Verdict::Consistent => 0,
                 Verdict::Overconfident => 1,
-                Verdict::Timid => 2,
+                Verdict::Underconfident => 2,
             }] += 1;
         }
         counts

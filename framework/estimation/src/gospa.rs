@@ -1,15 +1,15 @@
-//! How far a set of recovered points is from the set of true ones, in one number: OSPA and GOSPA.
+//! Distance between the set of recovered points and the set of true ones, in one number: OSPA and GOSPA.
 //!
-//! Both match the points of one set to those of the other at the least cost, cut distances off at c, and charge for what
-//! has no partner. OSPA (D. Schuhmacher, B.-T. Vo and B.-N. Vo, "A consistent metric for performance evaluation of
+//! Both match the points of one set to those of the other at the least cost, cut distances off at c, and penalise points
+//! without a partner. OSPA (D. Schuhmacher, B.-T. Vo and B.-N. Vo, "A consistent metric for performance evaluation of
 //! multi-object filters", IEEE TSP 56(8), 2008, equation 3) is a mean over the larger set; GOSPA (A. S. Rahmathullah,
 //! Á. F. García-Fernández and L. Svensson, "Generalized optimal sub-pattern assignment metric", FUSION 2017,
-//! proposition 1: α = 2) is a sum that falls apart into localisation, missed and false.
+//! proposition 1: α = 2) is a sum that splits into localisation, missed and false.
 //!
 //! | here | papers | meaning |
 //! |---|---|---|
-//! | `cutoff` | c | a pair farther apart than this is none |
-//! | `order` | p | large ones weigh outliers more |
+//! | `cutoff` | c | largest distance of a pair |
+//! | `order` | p | higher orders weigh outliers more |
 //! | [`Comparison::n_pairs`] | \|γ\| | true points with a partner |
 //! | [`Comparison::localisation`] | Σ d(x, y)ᵖ | over the pairs |
 //!
@@ -20,7 +20,7 @@ use nalgebra::Point3;
 
 use crate::assignment::{self, Workspace};
 
-/// Compares sets of points; its memory is used again from call to call.
+/// Compares sets of points, and reuses its memory from call to call.
 #[derive(Debug, Clone)]
 pub struct SetDistance {
     cutoff: f64,
@@ -30,14 +30,14 @@ pub struct SetDistance {
     workspace: Workspace,
 }
 
-/// How two sets differ.
+/// The difference of two sets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
     /// True points with a recovered one within the cut-off.
     pub n_pairs: usize,
-    /// True points without one.
+    /// True points without a recovered one: misses.
     pub n_missed: usize,
-    /// Recovered points that belong to no true one.
+    /// Recovered points without a true one: false positives.
     pub n_false: usize,
     /// Sum over the pairs of their distances to the power of the order [unit of the points to that power].
     pub localisation: f64,
@@ -46,7 +46,7 @@ pub struct Comparison {
 }
 
 impl SetDistance {
-    /// Distances above `cutoff`, in the unit of the points and above 0, count as `cutoff`; `order` is at least 1.
+    /// A metric with this `cutoff` (in the unit of the points, above 0; larger distances count as `cutoff`) and this `order` (1 or more).
     ///
     /// # Panics
     /// When either is out of its range.
@@ -57,7 +57,7 @@ impl SetDistance {
         Self { cutoff, order, costs, partners, workspace }
     }
 
-    /// Compares `found` with `truth`. A point that is not finite is far from everything.
+    /// Compares `found` with `truth`. A point that is not finite matches no other.
     pub fn compare(&mut self, truth: &[Point3<f64>], found: &[Point3<f64>]) -> Comparison {
         let power = |distance: f64| if self.order == 2.0 { distance * distance } else { distance.powf(self.order) };
         self.costs.clear();
@@ -72,14 +72,14 @@ impl SetDistance {
         Comparison { n_pairs, n_missed, n_false, localisation, cutoff: self.cutoff, order: self.order }
     }
 
-    /// For each true point of the last comparison, its place in `found`.
+    /// For each true point of the last comparison, its index in `found`.
     pub fn partners(&self) -> &[Option<usize>] {
         &self.partners
     }
 }
 
 impl Comparison {
-    /// OSPA: 0 for equal sets, the cut-off at most [unit of the points]. Two empty sets are equal.
+    /// OSPA: 0 for equal sets, at most the cut-off [unit of the points]. Two empty sets are equal.
     pub fn ospa(&self) -> f64 {
         let larger = self.n_pairs + self.n_missed.max(self.n_false);
         if larger == 0 {

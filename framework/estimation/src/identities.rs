@@ -1,4 +1,4 @@
-//! Who is who: true targets and recovered identities, matched from moment to moment, ID switches and reinitialisations counted.
+//! Matches true targets and recovered identities over time, and counts ID switches and re-initialisations (CLEAR MOT).
 //!
 //! K. Bernardin and R. Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP
 //! JIVP, 2008: a pair of the last time is kept while it stays within the gate; what is left is assigned so that the sum
@@ -10,10 +10,10 @@ use nalgebra::Point3;
 
 use crate::assignment::{self, Workspace};
 
-/// Somebody at some moment: a number that stays, and where [unit of length].
-pub type Somebody = (u32, Point3<f64>);
+/// A target with its number, which stays the same over time, and its position [unit of length].
+pub type Identified = (u32, Point3<f64>);
 
-/// Matches recovered targets to true ones; its memory is used again from moment to moment.
+/// Matches recovered targets to true ones frame by frame, and reuses its memory.
 #[derive(Debug, Clone)]
 pub struct Identities {
     gate: f64,
@@ -30,7 +30,7 @@ pub struct Identities {
 }
 
 impl Identities {
-    /// Pairs farther apart than `gate` [unit of length] do not match.
+    /// Targets farther apart than `gate` [unit of length] do not match.
     pub fn new(gate: f64) -> Self {
         Self {
             gate,
@@ -45,8 +45,8 @@ impl Identities {
         }
     }
 
-    /// For each of `truth` its place in `found`, where it has one.
-    pub fn match_up(&mut self, truth: &[Somebody], found: &[Somebody]) -> &[Option<usize>] {
+    /// Matches one frame: for each of `truth` its index in `found`, or `None` for a miss.
+    pub fn match_up(&mut self, truth: &[Identified], found: &[Identified]) -> &[Option<usize>] {
         let (rows, columns) = (truth.len(), found.len());
         self.costs.clear();
         for (_, place) in truth {
@@ -98,17 +98,17 @@ impl Identities {
         &self.identities_of
     }
 
-    /// How many identities were ever matched.
+    /// Number of identities that were ever matched.
     pub fn n_identities(&self) -> usize {
         self.owners.len()
     }
 
-    /// How often a true target was matched to an identity that had been another's last.
+    /// ID switches: how often a true target was matched to an identity that had last been another target's.
     pub fn id_switches(&self) -> u64 {
         self.id_switches
     }
 
-    /// How often a true target that had an identity was matched to one that was new to all.
+    /// Re-initialisations: how often a true target that had an identity was matched to a new one.
     pub fn reinitialisations(&self) -> u64 {
         self.reinitialisations
     }
@@ -118,11 +118,11 @@ impl Identities {
 mod tests {
     use super::*;
 
-    fn at(who: u32, x: f64) -> Somebody {
+    fn at(who: u32, x: f64) -> Identified {
         (who, Point3::new(x, 0.0, 0.0))
     }
 
-    fn run(moments: &[(&[Somebody], &[Somebody])]) -> Identities {
+    fn run(moments: &[(&[Identified], &[Identified])]) -> Identities {
         let mut identities = Identities::new(0.1);
         for (truth, found) in moments {
             identities.match_up(truth, found);
@@ -132,8 +132,9 @@ mod tests {
 
     #[test]
     fn id_switches_and_reinitialisations_are_counted_once_each() {
-        let truth: &[Somebody] = &[at(0, 0.0), at(1, 1.0)];
-        let (here, swapped): (&[Somebody], &[Somebody]) = (&[at(5, 0.01), at(6, 1.01)], &[at(6, 0.01), at(5, 1.01)]);
+        let truth: &[Identified] = &[at(0, 0.0), at(1, 1.0)];
+        let (here, swapped): (&[Identified], &[Identified]) =
+            (&[at(5, 0.01), at(6, 1.01)], &[at(6, 0.01), at(5, 1.01)]);
         let same = run(&[(truth, here), (truth, here)]);
         assert_eq!((same.n_identities(), same.id_switches(), same.reinitialisations()), (2, 0, 0));
         let swap = run(&[(truth, here), (truth, swapped), (truth, swapped)]);

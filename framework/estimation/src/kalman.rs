@@ -13,27 +13,46 @@
 //!
 //! The update is Joseph's form (I − KH) P (I − KH)ᵀ + K R Kᵀ written out: its second term is zero but for rounding, and
 //! takes the effect of that out to first order. Only the upper triangle is computed, so that P stays symmetric.
+//!
+//! ```
+//! use foveate_estimation::{ConstantVelocity, Random};
+//! use nalgebra::{Matrix3, Point3, Vector3};
+//!
+//! // A light moves at (1, 0, 0.5) m/s; its position is measured 100 times a second, to 5 mm.
+//! let mut random = Random::new(1);
+//! let truth = |time_s: f64| Point3::new(time_s, 2.0, 1.0 + 0.5 * time_s);
+//! let noise = Matrix3::identity() * 0.005_f64.powi(2);
+//! let mut filter = ConstantVelocity::new(truth(0.0), noise, 2.0);
+//! for step in 1..=100 {
+//!     let error = Vector3::from_fn(|_, _| 0.005 * random.normal());
+//!     filter.predict(0.01, 0.01);
+//!     filter.update_position(&(truth(0.01 * f64::from(step)) + error), &noise);
+//! }
+//! assert!((filter.position - truth(1.0)).norm() < 0.005);
+//! assert!((filter.velocity - Vector3::new(1.0, 0.0, 0.5)).norm() < 0.1);
+//! assert!(filter.position_covariance().trace() < 0.5 * noise.trace());
+//! ```
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6, Point3, SMatrix, SVector, Vector2, Vector3};
 
-/// Position and velocity of a point, and how well they are known.
+/// State of a point under nearly constant velocity, with covariance: a Kalman filter in space.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstantVelocity {
-    /// [m]
+    /// Estimated position [m].
     pub position: Point3<f64>,
-    /// [m/s]
+    /// Estimated velocity [m/s].
     pub velocity: Vector3<f64>,
-    /// Of (position, velocity) [m², m²/s, m²/s²]; symmetric, positive definite.
+    /// Covariance of (position, velocity) [m², m²/s, m²/s²]; symmetric, positive definite.
     pub covariance: Matrix6<f64>,
 }
 
-/// How far a measurement was from what the filter expected.
+/// How far a measurement was from its prediction; for gating and for consistency tests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
     /// νᵀ S⁻¹ ν, the squared Mahalanobis distance: χ² with as many degrees of freedom as the measurement has numbers,
     /// if the model holds. Infinite when S is not positive definite or a number is not finite; the filter is then left as it was.
     pub normalised_squared: f64,
-    /// ln of the Gaussian density of the measurement, −(νᵀS⁻¹ν + ln det(2πS))/2; −∞ in the case above.
+    /// Logarithm of the Gaussian density of the measurement, −(νᵀS⁻¹ν + ln det(2πS))/2; −∞ in the case above.
     pub log_likelihood: f64,
 }
 
@@ -50,8 +69,8 @@ impl Innovation {
 }
 
 impl ConstantVelocity {
-    /// A point first seen at `position` with `position_covariance` [m²], at rest as far as is known: each component of
-    /// its velocity has the standard deviation `velocity_sigma` [m/s].
+    /// Initiates a track at `position` with `position_covariance` [m²] and zero mean velocity; each component of the
+    /// velocity has the standard deviation `velocity_sigma` [m/s].
     pub fn new(position: Point3<f64>, position_covariance: Matrix3<f64>, velocity_sigma: f64) -> Self {
         let mut covariance = Matrix6::zeros();
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&position_covariance);
@@ -65,16 +84,15 @@ impl ConstantVelocity {
         self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
     }
 
-    /// Where the point will be `dt_s` seconds on, or was for a negative `dt_s` [m].
+    /// Position extrapolated by `dt_s` seconds; a negative `dt_s` looks back [m].
     #[inline]
     pub fn position_after(&self, dt_s: f64) -> Point3<f64> {
         self.position + self.velocity * dt_s
     }
 
-    /// Carries the state `dt_s` seconds forward under white-noise acceleration of spectral density
-    /// `acceleration_density` [m²/s³].
+    /// Predicts the state `dt_s` seconds ahead under white-noise acceleration of spectral density `acceleration_density` [m²/s³].
     ///
-    /// Time does not run backwards: for a negative or non-finite `dt_s` or density the state stays and `false` comes back.
+    /// Returns `false`, and keeps the state, for a negative or non-finite `dt_s` or density.
     #[inline]
     pub fn predict(&mut self, dt_s: f64, acceleration_density: f64) -> bool {
         let usable = |value: f64| value >= 0.0 && value.is_finite();
@@ -101,8 +119,8 @@ impl ConstantVelocity {
         true
     }
 
-    /// Covariance S of the pixel error that is to be expected [px²]: `jacobian` is the derivative of the pixel by the
-    /// position [px/m], `measurement_covariance` that of the pixel itself [px²].
+    /// Innovation covariance S of a pixel, for gating [px²]: `jacobian` is the derivative of the pixel with respect to
+    /// the position [px/m], `measurement_covariance` the covariance of the pixel itself [px²].
     #[inline]
     pub fn innovation_covariance(
         &self,
@@ -112,8 +130,8 @@ impl ConstantVelocity {
         jacobian * self.covariance.fixed_view::<3, 3>(0, 0) * jacobian.transpose() + measurement_covariance
     }
 
-    /// Takes in a pixel: `innovation` is measured minus projected [px], the rest as for [`Self::innovation_covariance`],
-    /// with `jacobian` at the predicted position (an extended Kalman filter).
+    /// Updates with a pixel (extended Kalman filter): `innovation` is measured minus projected [px], the rest as for
+    /// [`Self::innovation_covariance`], with `jacobian` at the predicted position.
     #[inline]
     pub fn update_pixel(
         &mut self,
@@ -124,7 +142,7 @@ impl ConstantVelocity {
         self.update(innovation, jacobian, measurement_covariance)
     }
 
-    /// Takes in a measured position [m] with its covariance [m²].
+    /// Updates with a measured position [m] and its covariance [m²].
     pub fn update_position(&mut self, measured: &Point3<f64>, measurement_covariance: &Matrix3<f64>) -> Innovation {
         self.update(measured - self.position, &Matrix3::identity(), measurement_covariance)
     }

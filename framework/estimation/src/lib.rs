@@ -1,23 +1,23 @@
-//! What turns noisy numbers into estimates, without knowing sensors or nodes.
+//! Estimation: least squares, Kalman filters, assignment, robust statistics and tracking metrics. Knows no sensors and no nodes.
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`kalman`] | a point that moves at nearly constant velocity, updated by pixels or positions |
-//! | [`motion`] | the same under a motion model chosen by setting, interacting models, adapted noise |
-//! | [`consistency`] | whether a filter's errors are as large as it says |
-//! | [`clocks`] | clock offsets and drifts of cameras, from what their innovations show |
-//! | [`least_squares`] | parameters at which weighted residuals are least, robust, with covariance |
-//! | [`bounded`] | least squares with bounds on each weight, warm from the last answer |
-//! | [`principal`] | directions in which samples vary most |
-//! | [`assignment`] | which measurement belongs to which track, at the least cost, with a gate |
-//! | [`allocation`] | which heads look at which target, where several at one target see more together |
-//! | [`gospa`] | how far a set of points is from the true one: OSPA, GOSPA |
-//! | [`identities`] | true targets and recovered identities matched over time: ID switches, reinitialisations |
-//! | [`prediction`] | where a moving point will be, by what has foretold best of late |
-//! | [`one_euro`] | a value without jitter at rest and without lag in motion: the 1€ filter |
-//! | [`actuator`] | two motors that answer late: how late, and where they are |
+//! | [`kalman`] | Kalman filter of a point at nearly constant velocity, updated by pixels or positions |
+//! | [`motion`] | filters of a point under other motion models: constant acceleration, interacting models, adaptive noise |
+//! | [`consistency`] | filter consistency: normalised innovations against χ² |
+//! | [`clocks`] | clock offsets and drifts of cameras, from their innovations |
+//! | [`least_squares`] | Levenberg–Marquardt with robust losses and covariance |
+//! | [`bounded`] | linear least squares with bounds on each weight, warm-started |
+//! | [`principal`] | principal components |
+//! | [`assignment`] | optimal and greedy assignment of measurements to tracks, with a gate |
+//! | [`allocation`] | assignment of pan-tilt heads to targets, where several heads on one target add value |
+//! | [`gospa`] | distance between a recovered and the true set of points: OSPA, GOSPA |
+//! | [`identities`] | ID switches and re-initialisations of tracks against truth |
+//! | [`prediction`] | extrapolation of a moving point, by several methods weighted by recent prediction error |
+//! | [`one_euro`] | the 1€ filter: no jitter at rest, little lag in motion |
+//! | [`actuator`] | latency and pose of a pan-tilt head from commands and reports |
 //! | [`statistics`] | median, percentiles, median absolute deviation, a summary |
-//! | [`random`] | seeded random numbers, with a stream of its own for each name |
+//! | [`random`] | seeded random numbers, with a separate stream for each name |
 
 pub mod actuator;
 pub mod allocation;
@@ -46,7 +46,7 @@ pub use kalman::{ConstantVelocity, Innovation};
 pub use least_squares::Loss;
 pub use motion::{AdaptiveNoise, Filter, Interacting, Mode, Model};
 pub use one_euro::{OneEuro, OneEuroOptions};
-pub use prediction::{Prediction, Predictor, PredictorOptions, Way};
+pub use prediction::{Prediction, PredictionMethod, Predictor, PredictorOptions};
 pub use principal::{Principal, PrincipalError, principal, principal_of};
 pub use random::Random;
 pub use statistics::Summary;

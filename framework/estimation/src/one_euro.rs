@@ -1,4 +1,4 @@
-//! The 1€ filter: a low-pass filter whose cutoff rises with speed, so that what rests does not jitter and what moves does not lag.
+//! The 1€ filter: a low-pass filter whose cutoff rises with speed, so that a value at rest does not jitter and a moving one hardly lags.
 //!
 //! Source: G. Casiez, N. Roussel, D. Vogel, "1€ filter: a simple speed-based low-pass filter for noisy input in interactive systems", CHI 2012.
 //!
@@ -10,25 +10,26 @@
 //! | `smoothing(f, t)` | α       | 1 / (1 + τ/t) with τ = 1/(2πf)                      | –    |
 //! | `value`           | X̂ᵢ      | α Xᵢ + (1 − α) X̂ᵢ₋₁                                 | unit |
 //!
-//! The paper filters each axis by itself; here the speed is that of all axes together, so that the filter has no preferred direction. Its derivative is that of
-//! the measured value against the filtered one, as in the authors' own code.
+//! The paper filters each axis by itself; here the speed is that of all axes together, so that the filter has no
+//! preferred direction. The derivative is that of the measured value against the filtered one, as in the authors'
+//! code.
 
 use std::f64::consts::TAU;
 
 use nalgebra::SVector;
 
-/// What the filter is set to.
+/// Settings of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OneEuroOptions {
     /// Cutoff at rest, above 0 [Hz].
     pub min_cutoff_hz: f64,
-    /// By how much the cutoff rises with the speed [Hz per unit/s].
+    /// Rise of the cutoff with the speed [Hz per unit/s].
     pub beta: f64,
-    /// Cutoff of the speed, above 0 [Hz]. The paper sets 1 Hz.
+    /// Cutoff of the low-pass on the speed, above 0 [Hz]. The paper uses 1 Hz.
     pub speed_cutoff_hz: f64,
 }
 
-/// A filtered value of N numbers.
+/// Filters a value of N numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneEuro<const N: usize> {
     options: OneEuroOptions,
@@ -39,7 +40,7 @@ pub struct OneEuro<const N: usize> {
 }
 
 impl<const N: usize> OneEuro<N> {
-    /// A value first measured as `value`, at rest as far as is known.
+    /// Starts the filter at `value`, with zero speed.
     pub fn new(options: OneEuroOptions, value: SVector<f64, N>) -> Self {
         Self { options, value, speed: SVector::zeros() }
     }
@@ -49,13 +50,13 @@ impl<const N: usize> OneEuro<N> {
         self.value
     }
 
-    /// Its filtered derivative [unit/s]: smooth, and late by about 1/(2π `speed_cutoff_hz`).
+    /// The filtered derivative [unit/s]; it lags by about 1/(2π `speed_cutoff_hz`).
     pub fn speed(&self) -> SVector<f64, N> {
         self.speed
     }
 
-    /// Takes in what was measured `dt_s` after the last value. Without time between them, or with a number that is not finite, all stays as it was and `false`
-    /// comes back.
+    /// Takes in a value measured `dt_s` after the last one. Returns `false`, and keeps the state, where `dt_s` is not
+    /// above 0 or a number is not finite.
     pub fn update(&mut self, measured: SVector<f64, N>, dt_s: f64) -> bool {
         let is_usable = dt_s > 0.0 && dt_s.is_finite() && measured.iter().all(|it| it.is_finite());
         if !is_usable {

@@ -1,7 +1,8 @@
-//! The directions in which samples vary most, and how much: principal components.
+//! Principal components: the directions in which samples vary most, with their variances.
 //!
-//! Of n samples of d numbers each, from whichever is smaller: the d × d covariance, or the n × n products of samples with one another, which has the same
-//! eigenvalues. Variances are sums of squares divided by n − 1. The sign of a direction, which means nothing, is such that its largest number is positive.
+//! Computed from whichever is smaller for n samples of d numbers each: the d × d covariance, or the n × n inner
+//! products of samples, which have the same eigenvalues. Variances are sums of squares divided by n − 1. The sign of a
+//! direction is arbitrary; here its largest number is positive.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,38 +11,38 @@ const ROUNDING: f64 = 1e-13;
 /// A variance is rounding, too, below the square of this part of the largest number.
 const ROUNDING_OF_NUMBERS: f64 = 1e-14;
 
-/// Mean, directions and variances.
+/// Mean, principal directions and variances of samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Principal {
-    /// Of the samples.
+    /// Mean of the samples.
     pub mean: DVector<f64>,
-    /// Orthonormal columns (d × k), by falling variance; as many as the samples span.
+    /// Principal directions: orthonormal columns (d × k), by falling variance; as many as the samples span.
     pub directions: DMatrix<f64>,
-    /// Along each direction, above zero.
+    /// Variance along each direction, above zero.
     pub variances: Vec<f64>,
 }
 
-/// Why there is no answer.
+/// Why there are no principal components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PrincipalError {
     /// No sample, or samples without numbers.
     #[error("{samples} samples of {numbers} numbers have no mean")]
     Empty {
-        /// How many samples.
+        /// Number of samples.
         samples: usize,
-        /// Of how many numbers each.
+        /// Numbers in each sample.
         numbers: usize,
     },
-    /// A number that is none.
+    /// A number that is NaN or infinite.
     #[error("sample {sample}, number {number} is not finite")]
     NotFinite {
-        /// Which sample.
+        /// Index of the sample.
         sample: usize,
-        /// Which of its numbers.
+        /// Index of the number in it.
         number: usize,
     },
-    /// A covariance that is not square, or not of the mean's size.
-    #[error("a covariance of {rows} × {columns} for a mean of {numbers} numbers")]
+    /// A covariance that is not square, or does not match the mean.
+    #[error("the covariance is {rows} × {columns}, expected {numbers} × {numbers} as the mean has {numbers} numbers")]
     Shape {
         /// Rows of the covariance.
         rows: usize,
@@ -52,7 +53,7 @@ pub enum PrincipalError {
     },
 }
 
-/// Of `samples`, one a column (d × n). One sample alone, or equal ones, have a mean and no direction.
+/// Principal components of `samples`, one a column (d × n). A single sample, or equal ones, have a mean and no direction.
 ///
 /// # Errors
 /// [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].
@@ -90,7 +91,7 @@ pub fn principal(samples: &DMatrix<f64>) -> Result<Principal, PrincipalError> {
     Ok(Principal { mean, directions, variances: among_samples.variances })
 }
 
-/// Of numbers with this mean and covariance (symmetric).
+/// Principal components of a distribution with this mean and (symmetric) covariance.
 ///
 /// # Errors
 /// [`PrincipalError::Shape`], [`PrincipalError::Empty`], [`PrincipalError::NotFinite`].

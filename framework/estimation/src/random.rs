@@ -3,7 +3,7 @@
 //! The generator is xoshiro256++ (D. Blackman and S. Vigna, "Scrambled linear pseudorandom number generators",
 //! ACM TOMS 47(4), 2021), its state filled from the seed by SplitMix64. Not for secrets.
 
-/// A stream of random numbers.
+/// A stream of seeded random numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Random {
     seed: u64,
@@ -12,15 +12,15 @@ pub struct Random {
 }
 
 impl Random {
-    /// The stream of `seed`; any seed is as good as any other.
+    /// The stream of `seed`; all seeds are equally good.
     #[inline]
     pub fn new(seed: u64) -> Random {
         let mut counter = seed;
         Random { seed, state: [(); 4].map(|()| split_mix(&mut counter)), spare_normal: None }
     }
 
-    /// A stream of its own for `name`. It depends on the seed of `self` and on `name`, not on what was drawn from `self`:
-    /// a node that draws more does not change the numbers of its neighbours.
+    /// A separate stream for `name`. It depends on the seed of `self` and on `name`, not on what was drawn from
+    /// `self`: a node that draws more does not change the numbers of its neighbours.
     pub fn fork(&self, name: &str) -> Random {
         // FNV-1a, 64 bits
         let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
@@ -52,7 +52,7 @@ impl Random {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Uniform between `low` and `high`; `high` itself comes out at most by rounding.
+    /// Uniform between `low` and `high`; `high` itself occurs at most by rounding.
     #[inline]
     pub fn uniform_in(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
@@ -73,7 +73,7 @@ impl Random {
         (product >> 32) as u32
     }
 
-    /// Normal with mean 0 and standard deviation 1, by Marsaglia's polar method; they are made in pairs.
+    /// Normal with mean 0 and standard deviation 1, by Marsaglia's polar method.
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare_normal.take() {
             return spare;

@@ -6,27 +6,27 @@
 /// Multiplies a median absolute deviation to give the standard deviation of Gaussian data: 1/Φ⁻¹(¾).
 pub const SIGMA_PER_MAD: f64 = 1.482_602_218_505_602;
 
-/// What a list of numbers looks like; in the unit of the values.
+/// Summary statistics of a list of numbers, in the unit of the values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
-    /// How many finite values there were; at least 1.
+    /// Number of finite values; at least 1.
     pub count: usize,
-    /// How many values were left out as not finite.
+    /// Number of values left out as not finite.
     pub left_out: usize,
     /// Mean.
     pub mean: f64,
-    /// Half of the values are smaller.
+    /// Median: half of the values are smaller.
     pub median: f64,
-    /// 90 % of the values are smaller.
+    /// 90th percentile.
     pub p90: f64,
-    /// 95 % of the values are smaller.
+    /// 95th percentile.
     pub p95: f64,
-    /// Largest.
+    /// Largest value.
     pub max: f64,
 }
 
 impl Summary {
-    /// Of the finite ones among `values`; `None` when there is none.
+    /// Summary of the finite values; `None` when there is none.
     pub fn of(values: &[f64]) -> Option<Summary> {
         let sorted = finite_sorted(values);
         let count = sorted.len();
@@ -42,7 +42,7 @@ impl Summary {
     }
 }
 
-/// The middle value, or midway between the two middle ones; `None` without a finite value.
+/// Median of the finite values, midway between the two middle ones for an even count; `None` without a finite value.
 pub fn median(values: &[f64]) -> Option<f64> {
     percentile(values, 50.0)
 }
@@ -56,8 +56,8 @@ pub fn percentile(values: &[f64], percent: f64) -> Option<f64> {
     percentile_of_sorted(&finite_sorted(values), percent)
 }
 
-/// Median of the distances from the median; times [`SIGMA_PER_MAD`] it estimates a standard deviation that one half of
-/// outliers cannot spoil. `None` without a finite value.
+/// Median absolute deviation; times [`SIGMA_PER_MAD`] it is an estimate of the standard deviation that tolerates
+/// nearly one half of outliers. `None` without a finite value.
 pub fn mad(values: &[f64]) -> Option<f64> {
     let mut distances = finite_sorted(values);
     let centre = percentile_of_sorted(&distances, 50.0)?;

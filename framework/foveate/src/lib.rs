@@ -1,8 +1,8 @@
-//! What authors of nodes and embedders depend on: the rooms re-exported, and a prelude. No code of its own.
+//! What authors of nodes depend on: the rooms re-exported, and a prelude. No code of its own.
+//! Programs that run rigs depend on `foveate-embed` besides.
 
-pub use foveate_calibration as calibration;
+pub use foveate_boundary::plugin;
 pub use foveate_diagnostics as diagnostics;
-pub use foveate_engine as engine;
 pub use foveate_estimation as estimation;
 pub use foveate_geometry as geometry;
 pub use foveate_imaging as imaging;
@@ -10,9 +10,6 @@ pub use foveate_messages as messages;
 pub use foveate_motion as motion;
 pub use foveate_node as node;
 pub use foveate_plot as plot;
-pub use foveate_plugin as plugin;
-pub use foveate_plugin::{export_library, plugin};
-pub use foveate_rig as rig;
 pub use foveate_scene as scene;
 pub use foveate_time as time;
 

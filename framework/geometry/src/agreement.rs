@@ -1,4 +1,4 @@
-//! The point on which most of several observations agree, some of which may be wrong.
+//! The point on which most of several observations agree, robust to wrong observations.
 
 use nalgebra::{Point2, Point3};
 
@@ -6,17 +6,17 @@ use crate::camera::Camera;
 use crate::ray::{Ray, closest_approach};
 use crate::triangulate::triangulate_rays;
 
-/// A point, and who agrees on it.
+/// A consensus point and its inliers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agreement {
-    /// Where: the point closest to the rays of those who agree.
+    /// The point closest to the rays of the inliers [m].
     pub point: Point3<f64>,
-    /// By observation: whether it is at most the limit off.
+    /// By observation: whether it is within the limit.
     pub agreeing: Vec<bool>,
 }
 
-/// The point on which more than half of the `bearings`, at least two, agree within `limit_px`, tried by all and by each two of them.
-/// `None` when there is none.
+/// The point on which more than half of the `bearings`, at least two, agree within `limit_px`; candidates are the
+/// points of all bearings and of each pair. `None` when there is none.
 pub fn agreeing_point(bearings: &[(&Camera, Point2<f64>)], limit_px: f64) -> Option<Agreement> {
     let rays: Vec<Option<Ray>> = bearings.iter().map(|(camera, pixel)| camera.ray(pixel)).collect();
     let agreeing = |point: &Point3<f64>| -> Vec<bool> {

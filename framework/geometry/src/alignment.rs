@@ -1,5 +1,5 @@
-//! The similarity or rigid transform that best maps one set of points onto another, in closed form, and how far two sets of cameras
-//! are apart after it.
+//! The similarity or rigid transform that best maps one set of points onto another, in closed form, and the distance
+//! between two sets of cameras after it.
 //!
 //! Source: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", TPAMI 13(4), 1991.
 //! Equation numbers are the paper's.
@@ -11,55 +11,58 @@
 //! | `cross_covariance` | Σxy | (1/n) Σ (yᵢ − μy)(xᵢ − μx)ᵀ | m² |
 //! | `b_from_a` | cR, t | yᵢ ≈ c R xᵢ + t | –, m |
 //!
-//! The robust option first fits the closer half of the pairs again and again (least trimmed squares), then weighs each pair by
-//! 1/(1 + (d/2.385 s)²), d its distance and s 1.4826 times the median distance (Cauchy's loss): a third of wrong pairs does little harm.
+//! The robust option first fits the closer half of the pairs repeatedly (least trimmed squares), then weights each
+//! pair by 1/(1 + (d/2.385 s)²), d its distance and s 1.4826 times the median distance (Cauchy's loss): up to a third
+//! of wrong pairs does little harm.
 
 use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, UnitQuaternion, Vector3};
 
 use crate::camera::Camera;
 
-/// What [`align`] found.
+/// The transform that [`align`] found, with its residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
-    /// Takes points in a to points in b.
+    /// Maps points in a to points in b.
     pub b_from_a: Similarity3<f64>,
     /// By pair: distance in b after the transform [m].
     pub distances: Vec<f64>,
-    /// Root of their mean square, each by its weight [m].
+    /// Weighted root mean square of the distances [m].
     pub rms: f64,
 }
 
-/// Whether and how [`align`] may scale and doubt.
+/// Options of [`align`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AlignmentOptions {
-    /// Whether lengths in a are in another unit than in b.
+    /// Whether to estimate a scale: lengths in a may be in another unit than in b.
     pub scale: bool,
-    /// Whether some pairs may be wrong.
+    /// Whether to be robust to wrong pairs.
     pub robust: bool,
 }
 
-/// Why there is no answer.
+/// Why there is no transform.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum AlignmentError {
     /// Lists of different lengths.
     #[error("{in_a} points in a and {in_b} in b, expected as many of each")]
     LengthsDiffer {
-        /// In a.
+        /// Points in a.
         in_a: usize,
-        /// In b.
+        /// Points in b.
         in_b: usize,
     },
-    /// A point with a number that is none.
+    /// A point with a number that is NaN or infinite.
     #[error("pair {index} is not finite")]
     NotFinite {
-        /// Which.
+        /// Index of the pair.
         index: usize,
     },
-    /// Points in one place or on a line fix no rotation.
-    #[error("{count} points with spread ratio {spread_ratio:.1e} do not fix a rotation")]
+    /// Points in one place or on a line do not fix a rotation.
+    #[error(
+        "{count} points with spread ratio {spread_ratio:.1e} do not fix a rotation: they lie on a line or in one place"
+    )]
     Degenerate {
-        /// How many pairs.
+        /// Number of pairs.
         count: usize,
         /// Second over first singular value of the cross-covariance.
         spread_ratio: f64,
@@ -71,7 +74,7 @@ const COLLINEAR: f64 = 1e-9;
 const TRIMMED_ROUNDS: usize = 20;
 const WEIGHTED_ROUNDS: usize = 10;
 
-/// Finds the transform from a to b.
+/// The least-squares transform from a to b.
 ///
 /// # Errors
 /// See [`AlignmentError`].
@@ -146,21 +149,21 @@ pub(crate) fn weighted(
     Ok(Similarity3::from_isometry(Isometry3::from_parts(translation.into(), rotation), factor))
 }
 
-/// How far cameras are from where they should be.
+/// Errors of cameras against the truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraErrors {
     /// The similarity, or rigid transform, from the found world to the true one.
     pub true_from_found: Similarity3<f64>,
-    /// By camera: distance of the centres [m].
+    /// By camera: distance between found and true centre [m].
     pub centres: Vec<f64>,
-    /// By camera: angle of the rotation between them [rad].
+    /// By camera: angle between found and true rotation [rad].
     pub rotations: Vec<f64>,
 }
 
-/// Compares `found` cameras with the `truth`, after the best transform of their centres.
+/// Compares the poses of `found` cameras with the `truth`, after the best transform of their centres.
 ///
 /// # Errors
-/// See [`AlignmentError`]; cameras in a row fix no rotation.
+/// See [`AlignmentError`]; cameras in a row do not fix a rotation.
 pub fn camera_errors(
     found: &[Camera],
     truth: &[Camera],

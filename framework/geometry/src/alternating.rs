@@ -1,13 +1,15 @@
-//! The virtual calibration object as it was first solved: path and cameras in turn, each as if the other were known.
+//! Calibration from a virtual object by alternation, as first published: path and cameras in turn, each with the other held.
 //!
-//! [Davis 2002 §3.2] and X. Chen and J. Davis, "Wide area camera calibration using virtual calibration objects", CVPR 2000: from a poor
-//! guess of the cameras comes a poor path, from that a better guess of the cameras, and so on. Each half lowers the same cost that
-//! [`crate::bundle`] minimises over both together, so both end in the same place; but what path and cameras can only do together
-//! is left to many small turns. Here to be compared with (Figure 25); [`crate::self_calibration`] is what calibrates.
+//! [Davis 2002 §3.2] and X. Chen and J. Davis, "Wide area camera calibration using virtual calibration objects", CVPR
+//! 2000: poor cameras give a poor path, the path better cameras, and so on. Each half step lowers the same cost that
+//! [`crate::bundle`] minimises over both together, so both end in the same minimum; but moves that path and cameras
+//! can only make together take many small rounds. This module is for comparison (Figure 25); use
+//! [`crate::self_calibration`] to calibrate.
 //!
-//! A turn intersects each point from the cameras and refines it on its pixels, then refines each camera's pose on all its points
-//! under Cauchy's loss, whose scale is the median error of that camera's own pixels: a poor path would make every pixel an outlier otherwise.
-//! The optics are known. Nothing holds place, turn and size of the whole, and pixel errors do not depend on them.
+//! A round intersects each point from the cameras and refines it on its pixels, then refines each camera's pose on all
+//! its points under Cauchy's loss, whose scale is the median error of that camera's own pixels: with a fixed scale a
+//! poor path would make every pixel an outlier. The optics are known. The gauge (place, rotation and size of the
+//! whole) is free; pixel errors do not depend on it.
 
 use foveate_estimation::statistics::median;
 use nalgebra::{Point2, Point3};
@@ -21,23 +23,23 @@ use crate::triangulate::{PixelNoise, refine, triangulate_rays};
 /// Median length of an error in the plane over the standard deviation of a coordinate: √(2 ln 2).
 const MEDIAN_PER_SIGMA: f64 = 1.177_410_022_515_474_7;
 
-/// What [`alternate`] found.
+/// The result of [`alternate`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternated {
     /// The cameras, in the order given.
     pub cameras: Vec<Camera>,
-    /// The path, in the order of the points; `None` where fewer than two cameras give a place.
+    /// The path, in the order of the points; `None` where fewer than two cameras see the point.
     pub points: Vec<Option<Point3<f64>>>,
-    /// [`path_error`] of the given cameras, then after each turn [px].
+    /// [`path_error`] of the given cameras, then after each round [px].
     pub rms_px: Vec<f64>,
-    /// The same on the observations that the cameras were not fitted to, as Figure 25 shows it; empty when there are none [px].
+    /// The same on observations that the cameras were not fitted to, as in Figure 25; empty when there are none [px].
     pub independent_px: Vec<f64>,
 }
 
-/// Takes `turns` turns from `cameras` on `observations`, and measures each on `independent` ones too, whose points are their own.
+/// Runs `turns` rounds from `cameras` on `observations`, and evaluates each on `independent` observations too, whose points are their own.
 ///
 /// # Errors
-/// Those of [`crate::bundle::adjust`]: bad cameras or observations; [`BundleError::NothingShared`] when no point can be intersected.
+/// As [`crate::bundle::adjust`]: bad cameras or observations; [`BundleError::NothingShared`] when no point can be intersected.
 pub fn alternate(
     cameras: &[Camera],
     observations: &[Observation],
@@ -63,8 +65,8 @@ pub fn alternate(
     Ok(Alternated { cameras, points, rms_px, independent_px })
 }
 
-/// Root mean squared length of the residuals when each point is put where `cameras`, as they are, see it best [px]; `None` when no point
-/// can be put anywhere. Points seen by one camera do not count.
+/// Root mean square residual when each point is put where the given `cameras` see it best [px]; `None` when no point
+/// can be intersected. Points seen by one camera do not count.
 pub fn path_error(cameras: &[Camera], observations: &[Observation]) -> Option<f64> {
     error_of(cameras, &path(cameras, observations), observations)
 }
@@ -165,8 +167,11 @@ mod tests {
         let truth = test_room::cameras(2, 3);
         let alone = [Observation { camera: 0, point: 0, pixel: Point2::new(3.0, 4.0), sigma_px: 0.5 }];
         assert_eq!(alternate(&truth, &alone, &[], 3).unwrap_err(), BundleError::NothingShared { observations: 1 });
-        let nobody = [Observation { camera: 2, ..alone[0] }];
-        assert!(matches!(alternate(&truth, &nobody, &[], 3), Err(BundleError::BadObservation { camera: 2, .. })));
-        assert!(matches!(alternate(&truth, &alone, &nobody, 3), Err(BundleError::BadObservation { .. })));
+        let unknown_camera = [Observation { camera: 2, ..alone[0] }];
+        assert!(matches!(
+            alternate(&truth, &unknown_camera, &[], 3),
+            Err(BundleError::BadObservation { camera: 2, .. })
+        ));
+        assert!(matches!(alternate(&truth, &alone, &unknown_camera, 3), Err(BundleError::BadObservation { .. })));
     }
 }

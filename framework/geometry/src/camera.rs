@@ -1,40 +1,40 @@
-//! A calibrated camera: point to pixel with its derivative, pixel to ray.
+//! A calibrated camera: projects points to pixels, with derivatives, and pixels to rays.
 //!
 //! | here | meaning | unit |
 //! |---|---|---|
 //! | `point_in_camera` | right, down, forward | m |
 //! | `normalised` | (x/z, y/z), the ideal image at depth 1 | – |
-//! | `distorted` | what the lens makes of it, see [`Distortion`] | – |
+//! | `distorted` | `normalised` after the lens, see [`Distortion`] | – |
 //! | pixel | `focal`, `skew` and `principal` applied to `distorted` | px |
 //!
-//! Raw, distorted pixels only: nothing here takes or gives undistorted ones.
+//! All pixels are raw (distorted); nothing here takes or returns undistorted ones.
 
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Point2, Point3, Unit, Vector2, Vector3};
 
 pub use crate::distortion::Distortion;
 use crate::ray::Ray;
 
-/// The linear part of a camera: u = focal₀ x' + skew y' + principal₀, v = focal₁ y' + principal₁.
+/// The linear part of a camera model: u = focal₀ x' + skew y' + principal₀, v = focal₁ y' + principal₁.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Horizontal and vertical focal length [px].
     pub focal: [f64; 2],
-    /// Where the optical axis meets the image; (0, 0) is the centre of the top-left pixel [px].
+    /// Principal point, where the optical axis meets the image; (0, 0) is the centre of the top-left pixel [px].
     pub principal: [f64; 2],
-    /// By how much a column leans, 0 for real sensors [px].
+    /// Skew between columns and rows, 0 for real sensors [px].
     pub skew: f64,
 }
 
-/// A camera with known optics and place.
+/// A calibrated camera: optics and pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// Columns, rows [px].
+    /// Image size: columns, rows [px].
     pub image_size: [u32; 2],
     /// Focal lengths, principal point, skew.
     pub intrinsics: Intrinsics,
-    /// The lens.
+    /// Lens distortion.
     pub distortion: Distortion,
-    /// Takes points in the world to points in the camera (x right, y down, z forward) [m].
+    /// Pose: maps points in the world to points in the camera (x right, y down, z forward) [m].
     pub camera_from_world: Isometry3<f64>,
 }
 
@@ -44,17 +44,17 @@ pub enum CameraError {
     /// A number that is NaN or infinite.
     #[error("{field} is {found}, expected a finite number")]
     NotFinite {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value that was found.
         found: f64,
     },
     /// A focal length of zero or less.
     #[error("{field} is {found} px, expected more than 0 px")]
     FocalNotPositive {
-        /// Which of the two.
+        /// Which of the two focal lengths.
         field: &'static str,
-        /// Its value [px].
+        /// Value that was found [px].
         found: f64,
     },
     /// An image without pixels.
@@ -63,17 +63,18 @@ pub enum CameraError {
         /// Columns, rows [px].
         found: [u32; 2],
     },
-    /// A rotation whose quaternion has not length 1.
+    /// A rotation whose quaternion does not have length 1.
     #[error("the quaternion of camera_from_world has length {found}, expected 1")]
     NotARotation {
-        /// Its length.
+        /// Length of the quaternion.
         found: f64,
     },
 }
 
 impl Camera {
-    /// The pixel at which `point_in_world` is seen. `None` when the point is not in front of the camera, not finite, or
-    /// so far off the axis that the distortion polynomial has turned back. May lie outside the image: see [`Self::sees`].
+    /// Projects a point to its pixel. `None` when the point is not in front of the camera, not finite, or so far off
+    /// the axis that it is outside the domain of the distortion. The pixel may lie outside the image: see
+    /// [`Self::sees`].
     #[inline]
     pub fn project(&self, point_in_world: &Point3<f64>) -> Option<Point2<f64>> {
         let in_camera = self.camera_from_world * point_in_world;
@@ -81,7 +82,7 @@ impl Camera {
         Some(self.intrinsics.pixel(&self.distortion.distort(&normalised)?))
     }
 
-    /// As [`Self::project`], with the derivative of the pixel by the point in the world [px/m].
+    /// As [`Self::project`], with the derivative of the pixel with respect to the point in the world [px/m].
     #[inline]
     pub fn project_with_jacobian(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let rotation = self.camera_from_world.rotation.to_rotation_matrix();
@@ -97,8 +98,7 @@ impl Camera {
         Some((self.intrinsics.pixel(&distorted), pixel_by_normalised * normalised_by_point))
     }
 
-    /// The ideal image (x/z, y/z) of what is seen at `pixel`. `None` when the lens model maps nothing there, or when
-    /// `pixel` is not finite.
+    /// Normalised, undistorted image coordinates (x/z, y/z) of `pixel`. `None` when the lens model maps nothing there, or when `pixel` is not finite.
     pub fn normalise(&self, pixel: &Point2<f64>) -> Option<Vector2<f64>> {
         let Intrinsics { focal, principal, skew } = self.intrinsics;
         let y = (pixel.y - principal[1]) / focal[1];
@@ -118,21 +118,20 @@ impl Camera {
         self.camera_from_world.inverse_transform_point(&Point3::origin())
     }
 
-    /// The pixel at which `point_in_world` is seen, if that lies on the image: from half a pixel left of the first
-    /// pixel's centre to half a pixel right of the last one's, and so for the rows.
+    /// Projects a point to its pixel if that lies on the image; see [`Self::has_pixel`].
     #[inline]
     pub fn sees(&self, point_in_world: &Point3<f64>) -> Option<Point2<f64>> {
         self.project(point_in_world).filter(|pixel| self.has_pixel(pixel))
     }
 
-    /// Whether `pixel` lies on the image, whose edge is half a pixel outside the outermost centres.
+    /// Whether `pixel` lies on the image, whose edges are half a pixel outside the outermost pixel centres.
     #[inline]
     pub fn has_pixel(&self, pixel: &Point2<f64>) -> bool {
         let [width, height] = self.image_size.map(f64::from);
         (-0.5..width - 0.5).contains(&pixel.x) && (-0.5..height - 0.5).contains(&pixel.y)
     }
 
-    /// Finds what makes the camera unusable; the first such thing, in the order of the fields.
+    /// Checks that the camera can be used; the first fault, in the order of the fields.
     pub fn check(&self) -> Result<(), CameraError> {
         let Intrinsics { focal, principal, skew } = self.intrinsics;
         let Distortion { k1, k2, p1, p2, k3 } = self.distortion;

@@ -5,27 +5,28 @@
 //!
 //! x' = x f + 2p₁xy + p₂(s + 2x²),  y' = y f + p₁(s + 2y²) + 2p₂xy.
 //!
-//! The radius r f(r²) of real lenses grows with r, that of the polynomial in general only up to some radius, beyond which it
-//! turns back and one distorted point has several ideal ones. The *domain* here ends before that. The derivative of the map
-//! is symmetric, so the map is the gradient of a potential, and one-to-one on any disc on which that is strictly convex. The
-//! radial terms bend it by at least the least value of g(s) = d(r f)/dr = 1 + 3k₁s + 5k₂s² + 7k₃s³ on the way out;
-//! the decentering terms take at most 6r√(p₁² + p₂²) from it. A point is in the domain when the former exceeds the latter.
-//! Without decentering that is exactly the disc up to the turning point; with it, the disc is slightly too small.
+//! The radius r f(r²) of real lenses grows with r; the polynomial in general only does up to some radius, beyond which
+//! it turns back and one distorted point has several ideal ones. The *domain* here ends before that. The derivative of
+//! the map is symmetric, so the map is the gradient of a potential, and one-to-one on any disc on which that is
+//! strictly convex. The radial terms contribute at least the least value of g(s) = d(r f)/dr = 1 + 3k₁s + 5k₂s² +
+//! 7k₃s³ on the way out; the decentering terms subtract at most 6r√(p₁² + p₂²). A point is in the domain when the
+//! former exceeds the latter. Without decentering that is exactly the disc up to the turning point; with it, the disc
+//! is slightly too small.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Distortion coefficients for normalised coordinates (radius 1 = 45° off the axis), without unit. The default is none.
+/// Distortion coefficients for normalised coordinates (radius 1 = 45° off the axis), without unit. The default is no distortion.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distortion {
-    /// Radial, of r².
+    /// Radial coefficient of r².
     pub k1: f64,
-    /// Radial, of r⁴.
+    /// Radial coefficient of r⁴.
     pub k2: f64,
-    /// Decentering, vertical.
+    /// Decentering (tangential) coefficient, vertical.
     pub p1: f64,
-    /// Decentering, horizontal.
+    /// Decentering (tangential) coefficient, horizontal.
     pub p2: f64,
-    /// Radial, of r⁶.
+    /// Radial coefficient of r⁶.
     pub k3: f64,
 }
 
@@ -35,13 +36,13 @@ const UNDISTORT_TOLERANCE: f64 = 1e-13;
 const FARTHEST: f64 = 1e12;
 
 impl Distortion {
-    /// Distorts `ideal`; `None` outside the domain (see the module) or when not finite.
+    /// Distorts an ideal (undistorted) point; `None` outside the domain (see the module) or when not finite.
     #[inline]
     pub fn distort(&self, ideal: &Vector2<f64>) -> Option<Vector2<f64>> {
         self.distort_with_jacobian(ideal).map(|(distorted, _)| distorted)
     }
 
-    /// Distorts `ideal` and gives the derivative of the distorted by the ideal point; `None` as for [`Self::distort`].
+    /// As [`Self::distort`], with the derivative of the distorted by the ideal point.
     #[inline]
     pub fn distort_with_jacobian(&self, ideal: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let Distortion { k1, k2, p1, p2, k3 } = *self;

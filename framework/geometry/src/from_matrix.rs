@@ -11,20 +11,20 @@ use crate::camera::{Camera, Distortion, Intrinsics};
 /// An extent smaller than this times the largest entry of P's left half is taken for zero.
 const FLAT: f64 = 1e-9;
 
-/// Why a 3×4 matrix is not that of a camera at a finite place.
+/// Why a 3×4 matrix is not that of a finite camera.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ProjectionError {
     /// A number that is NaN or infinite.
     #[error("row {row}, column {column} of the projection matrix is {found}, expected a finite number")]
     NotFinite {
-        /// From 0.
+        /// Row, from 0.
         row: usize,
-        /// From 0.
+        /// Column, from 0.
         column: usize,
-        /// Its value.
+        /// Value that was found.
         found: f64,
     },
-    /// The left 3×3 half has no inverse: a camera at infinity, or none.
+    /// The left 3×3 half is singular: a camera at infinity, or none.
     #[error("the left 3x3 half of the projection matrix is singular ({ratio:.1e} of its size): no finite camera")]
     Singular {
         /// The extent that is too small (third row, then the two focal lengths times it), relative to the largest entry.
@@ -33,10 +33,10 @@ pub enum ProjectionError {
 }
 
 impl Camera {
-    /// Takes the projection matrix `p`, pixel ~ `p` (x, y, z, 1), apart; `p` is known up to a factor of either sign.
-    /// Its pixels are taken to have (0, 0) at the centre of the top-left pixel. No distortion.
+    /// Decomposes the projection matrix `p`, pixel ~ `p` (x, y, z, 1), known up to a factor of either sign, into a
+    /// camera without distortion. Its pixels have (0, 0) at the centre of the top-left pixel.
     ///
-    /// If points that were seen come out behind the camera, the world of `p` is left-handed (a mirror image):
+    /// If visible points come out behind the camera, the world of `p` is left-handed (a mirror image):
     /// negate one axis of the world, that is one of the first three columns of `p`, and all points' along with it.
     pub fn from_projection_matrix(p: &Matrix3x4<f64>, image_size: [u32; 2]) -> Result<Camera, ProjectionError> {
         for column in 0..4 {
@@ -84,7 +84,7 @@ impl Camera {
         })
     }
 
-    /// K [R t], which ignores the distortion: pixel ~ matrix (x, y, z, 1) where there is none.
+    /// The projection matrix K [R t], which ignores the distortion: pixel ~ matrix (x, y, z, 1).
     pub fn projection_matrix(&self) -> Matrix3x4<f64> {
         let Intrinsics { focal, principal, skew } = self.intrinsics;
         let k = Matrix3::new(focal[0], skew, principal[0], 0.0, focal[1], principal[1], 0.0, 0.0, 1.0);

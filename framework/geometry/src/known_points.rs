@@ -1,11 +1,12 @@
-//! A camera, optics and pose, from points of known place and the pixels at which it sees them: what one picture of a three-dimensional target gives.
+//! Camera calibration from one picture of a three-dimensional target: optics and pose from known points and their pixels.
 //!
 //! [`direct_linear_transformation`] needs no start: Y. Abdel-Aziz, H. Karara, "Direct linear transformation from comparator coordinates into object space
 //! coordinates", 1971; the eleven coefficients as the least eigenvector of the normal equations, coordinates moved to their centroid and scaled first
-//! (R. Hartley, "In defense of the eight-point algorithm", TPAMI 19(6), 1997). It knows no lens. [`camera_from_points`] starts there and minimises the distances
-//! in pixels over pose, optics and lens by Levenberg–Marquardt. Pairs that do not belong together are left out, a few at a time, worst first.
+//! (R. Hartley, "In defense of the eight-point algorithm", TPAMI 19(6), 1997). It has no lens distortion.
+//! [`camera_from_points`] starts there and minimises the
+//! reprojection error over pose, optics and lens by Levenberg–Marquardt. Outliers are removed a few at a time, worst first.
 //!
-//! Points on one plane fix no camera and are refused.
+//! Points on one plane do not fix a camera and are refused.
 
 use foveate_estimation::least_squares::{Damping, DriverOptions, SmallEquations, SmallProblem, solve_small};
 use foveate_estimation::statistics::median;
@@ -15,37 +16,37 @@ use crate::bundle::{CLOCK, Freedom, Posed, moved};
 use crate::camera::Camera;
 use crate::from_matrix::ProjectionError;
 
-/// A point of the target and where it was seen.
+/// A known point of the target and its pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownPoint {
-    /// In the world [m].
+    /// Position in the world [m].
     pub place: Point3<f64>,
-    /// Raw [px].
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
 }
 
-/// What [`camera_from_points`] found.
+/// The camera found by [`camera_from_points`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraFit {
-    /// The camera.
+    /// Optics and pose.
     pub camera: Camera,
-    /// By pair: whether it was used.
+    /// By pair: whether it was used; `false` for outliers.
     pub used: Vec<bool>,
-    /// Root mean square distance of the used ones [px].
+    /// Root mean square reprojection error of the used pairs [px].
     pub rms_px: f64,
-    /// Standard deviation of both focal lengths together, relative, if errors are as large as they turned out [–].
+    /// Relative standard deviation of the common factor of both focal lengths, from the residuals [–].
     pub focal_sigma: f64,
 }
 
 /// Why there is no camera.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum KnownPointsError {
-    /// Eleven coefficients need six points, a lens more.
+    /// Too few pairs: the linear transformation needs six points, a lens more.
     #[error("{found} pairs of point and pixel, expected at least {expected}")]
     TooFew {
-        /// Finite pairs.
+        /// Number of finite pairs.
         found: usize,
-        /// The least.
+        /// Number that is needed.
         expected: usize,
     },
     /// The points lie in a plane, or nearly.
@@ -56,21 +57,21 @@ pub enum KnownPointsError {
         /// Standard deviation across the plane over that along it.
         ratio: f64,
     },
-    /// The coefficients are not those of a camera.
-    #[error("the direct linear transformation is not that of a camera: {0}")]
+    /// The linear solution is not a camera.
+    #[error("the direct linear transformation gives no camera: {0}")]
     NoCamera(ProjectionError),
     /// Most points lie behind the camera: left and right are exchanged, in the pixels or in the points.
-    #[error("{behind} of {count} points lie behind the camera: the target is mirrored")]
+    #[error("{behind} of {count} points lie behind the camera: the target or the pixels are mirrored")]
     Mirrored {
-        /// How many.
+        /// Points behind the camera.
         behind: usize,
-        /// Of so many.
+        /// Number of points.
         count: usize,
     },
-    /// No minimum.
-    #[error("the search for the optics does not end: rms {rms_px:.2} px where it stopped")]
+    /// The search for the optics did not converge.
+    #[error("the search for the optics did not converge: rms {rms_px:.2} px at its end")]
     NoConvergence {
-        /// Root mean square distance there [px].
+        /// Root mean square reprojection error at the end [px].
         rms_px: f64,
     },
 }
@@ -94,7 +95,7 @@ const OPTIONS: DriverOptions = DriverOptions {
     absolute_gain: 0.5e-12,
 };
 
-/// The pinhole camera that sees `pairs` best in the algebraic sense, without a lens.
+/// The pinhole camera of least algebraic error, without lens distortion: a start for [`camera_from_points`].
 ///
 /// # Errors
 /// See [`KnownPointsError`].
@@ -148,7 +149,7 @@ pub fn direct_linear_transformation(image_size: [u32; 2], pairs: &[KnownPoint]) 
     Ok(camera)
 }
 
-/// The camera that sees `pairs` at the least distances, of whose optics what `free` says is not that of a plain lens: its pose is always free.
+/// The camera of least reprojection error. `free` says which optics and lens coefficients are estimated; the pose always is.
 ///
 /// # Errors
 /// See [`KnownPointsError`].

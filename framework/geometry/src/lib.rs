@@ -1,27 +1,28 @@
-//! Camera models, rays, triangulation: pure functions, without time and without I/O.
+//! Multi-view geometry: camera models, triangulation, resection, bundle adjustment, calibration, pan-tilt heads,
+//! surfaces, voxels and bodies. Pure functions, without time and without I/O.
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`agreement`] | the point on which most of several observations agree |
-//! | [`alignment`] | the similarity that best maps one set of points onto another, and what is left |
-//! | [`alternating`] | cameras and the path of one light in turn, as the paper does it |
-//! | [`body`] | articulated bodies in voxels: found, fitted, followed |
-//! | [`bundle`] | all cameras and points together, clocks of cameras if wanted, adjusted to all pixels, with covariances |
+//! | [`agreement`] | consensus point of several observations, some of which may be wrong |
+//! | [`alignment`] | best similarity or rigid transform between two sets of points, and the errors after it |
+//! | [`alternating`] | calibration by alternating cameras and path, as first published (for comparison) |
+//! | [`body`] | articulated bodies in voxels: detected, fitted, tracked |
+//! | [`bundle`] | bundle adjustment of cameras and points, with clocks of cameras if wanted, with covariances |
 //! | [`camera`] | [`Camera`]: pinhole with Brown–Conrady distortion; point to pixel, pixel to [`Ray`] |
-//! | [`epipolar`] | how two cameras stand to one another, from pixels of the same points |
-//! | [`joint`] | points, and the errors of the poses that they are seen from, together |
+//! | [`epipolar`] | relative pose of two cameras, from pixels of the same points |
+//! | [`joint`] | many points triangulated together with small errors of the poses that they are seen from |
 //! | [`metaball`] | bodies of metaballs on a skeleton, fitted to points, trajectories and silhouettes |
-//! | [`resection`] | the pose of a camera from points of known place and their pixels, robustly, with its covariance |
+//! | [`resection`] | pose of a camera from known points and their pixels, robust, with covariance |
 //! | [`known_points`] | optics and pose of a camera from one picture of a three-dimensional target |
-//! | [`off_axis`] | what an eye sees through a screen: frustums for each eye and tile |
+//! | [`off_axis`] | off-axis frustums: what an eye sees through a screen |
 //! | [`pan_tilt`] | cameras on pan-tilt heads: model, calibration, aiming, zoom |
-//! | [`plane_map`] | how a camera images a plane: homography and lens, with covariance |
-//! | [`ray`] | [`Ray`], and where two of them come closest |
-//! | [`self_calibration`] | a room of cameras from one waved light, without a start |
-//! | [`shape_model`] | shapes that deform, a face or a knee: learnt from frames, fitted with the pose, hidden marks filled |
-//! | [`surface`] | clouds registered to a surface, fused into a distance field, and its triangles |
-//! | [`voxels`] | what silhouettes leave over of a volume: carved by octree, its surface, its parts, its colours |
-//! | [`triangulate`] | a point from two or more rays, and its refinement on pixels with a covariance |
+//! | [`plane_map`] | map from a plane to a camera's image: homography and lens, with covariance |
+//! | [`ray`] | [`Ray`], and the closest approach of two rays |
+//! | [`self_calibration`] | calibration of a room of cameras from one waved light, without a start |
+//! | [`shape_model`] | shapes that deform, such as a face or a knee: learnt from frames, fitted with the pose, hidden marks filled in |
+//! | [`surface`] | point clouds registered, fused into a distance field, and meshed |
+//! | [`voxels`] | visual hulls from silhouettes: carved by octree, with surface, components and colours |
+//! | [`triangulate`] | a point from two or more rays, refined on pixels, with covariance |
 //!
 //! Rigid transforms are `nalgebra::Isometry3<f64>`, named `b_from_a`. The world is right-handed with Z up; a
 //! camera looks along its +z, with +x to the right and +y down; pixel (0, 0) is the centre of the top-left pixel.
@@ -67,7 +68,7 @@ pub use plane_map::{Placed, PlaneMap, PlaneMapError, PlanePoint};
 pub use ray::{Approach, Ray, closest_approach};
 pub use resection::{Resection, ResectionError, ResectionOptions, refine_pose, resect};
 pub use self_calibration::{
-    CameraStatus, HeldBecause, LightObservation, OpticHeld, SelfCalibration, SelfCalibrationError,
+    CameraStatus, HeldReason, LightObservation, OpticHeld, SelfCalibration, SelfCalibrationError,
     SelfCalibrationOptions, self_calibrate,
 };
 pub use shape_model::{

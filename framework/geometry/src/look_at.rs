@@ -11,7 +11,7 @@ impl Camera {
     /// A camera at `centre` with `target` on its axis and the world's Z pointing up in the image; square pixels of
     /// focal length `focal` [px], the principal point in the middle of `image_size` [px], no distortion.
     ///
-    /// Straight down or up, the world's +Y points up in the image. With `target` at `centre` it looks along +Y.
+    /// Looking straight down or up, the world's +Y points up in the image. With `target` at `centre` the camera looks along +Y.
     pub fn look_at(centre: Point3<f64>, target: Point3<f64>, image_size: [u32; 2], focal: f64) -> Camera {
         let forward = (target - centre).try_normalize(0.0).unwrap_or_else(Vector3::y);
         let sideways = forward.cross(&Vector3::z());

@@ -1,4 +1,4 @@
-//! What an eye sees through a screen: the frustum that is off its axis, for each eye and each tile.
+//! Off-axis projection: the frustum from an eye through a screen, for each eye and each tile.
 //!
 //! Source: R. Kooima, "Generalized perspective projection", Louisiana State University, 2008.
 //!
@@ -8,13 +8,13 @@
 //! | `lower_right`     | pb             | corner                                               | m    |
 //! | `upper_left`      | pc             | corner                                               | m    |
 //! | `eye`             | pe             | the eye                                              | m    |
-//! | `right`, `up`, `normal` | vr, vu, vn | axes of the screen; the normal points to who looks | –    |
-//! | `distance`        | d              | −vn · va: of the eye from the screen's plane         | m    |
-//! | `near`, `far`     | n, f           | of the clipping planes from the eye, along the normal | m   |
+//! | `right`, `up`, `normal` | vr, vu, vn | axes of the screen; the normal points to the viewer | –    |
+//! | `distance`        | d              | −vn · va: distance of the eye from the screen's plane | m    |
+//! | `near`, `far`     | n, f           | clipping planes: distances from the eye along the normal | m   |
 //! | `clip_from_world` | P Mᵀ T         | to the clip space of OpenGL and WebGL: −w ≤ x, y, z ≤ w | – |
 //!
-//! The paper takes the corners as they are; corners that people have touched are no exact rectangle. Here the upper edge is made perpendicular to the lower one, and
-//! what is too far from a rectangle is refused.
+//! The paper takes the corners as they are; corners that people have touched are not an exact rectangle. Here the
+//! upper edge is made perpendicular to the lower one, and corners too far from a rectangle are refused.
 
 use nalgebra::{Matrix4, Point2, Point3, Vector3, Vector4};
 
@@ -32,50 +32,50 @@ pub struct Screen {
     size: [f64; 2],
 }
 
-/// Why there is no screen, or no picture on it for an eye.
+/// Why there is no screen, or no frustum for an eye.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ScreenError {
-    /// Corners that are not finite, or so near to each other that there is no edge.
+    /// Corners that are not finite, or too close to each other.
     #[error("found edges of {width} m and {height} m, expected a screen that is wider and higher than 1 mm")]
     NoArea {
-        /// Of the lower edge [m].
+        /// Length of the lower edge [m].
         width: f64,
-        /// Of the left edge [m].
+        /// Length of the left edge [m].
         height: f64,
     },
-    /// No rectangle.
+    /// The corners are too far from a rectangle.
     #[error("found {angle_deg:.1}° between the lower and the left edge, expected a right angle")]
     Skewed {
-        /// Between the edges [°].
+        /// Angle between the edges [°].
         angle_deg: f64,
     },
     /// The eye lies in the screen's plane, or behind it.
-    #[error("found the eye {distance:.3} m before the screen's plane, expected it before the screen")]
+    #[error("found the eye at {distance:.3} m from the screen's plane, expected it in front of the screen (above 0)")]
     EyeNotBefore {
-        /// Of the eye from the plane, negative behind it [m].
+        /// Distance of the eye from the plane, negative behind it [m].
         distance: f64,
     },
-    /// Clipping planes that are none.
+    /// Clipping planes that are not in order.
     #[error("found clipping planes at {near} m and {far} m, expected 0 < near < far")]
     Clipping {
-        /// [m]
+        /// Distance of the near plane [m].
         near: f64,
-        /// [m]
+        /// Distance of the far plane [m].
         far: f64,
     },
 }
 
-/// The picture that one eye should see on a screen.
+/// The projection that one eye needs on a screen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffAxis {
-    /// From a point of the world to clip space.
+    /// Maps a point of the world to clip space.
     pub clip_from_world: Matrix4<f64>,
-    /// Of the eye from the screen's plane [m].
+    /// Distance of the eye from the screen's plane [m].
     pub distance: f64,
 }
 
 impl Screen {
-    /// A screen from three of its corners, as seen by who looks at it [m].
+    /// A screen from three of its corners, as a viewer in front of it sees them [m].
     ///
     /// # Errors
     /// No area, or no rectangle.
@@ -102,17 +102,18 @@ impl Screen {
         self.size
     }
 
-    /// To who looks at it, of length 1: vr × vu.
+    /// Unit normal towards the viewer: vr × vu.
     pub fn normal(&self) -> Vector3<f64> {
         self.right.cross(&self.up)
     }
 
-    /// A point of the screen from its lower left corner [m].
+    /// A point of the screen, given from its lower left corner [m].
     pub fn point(&self, [x, y]: [f64; 2]) -> Point3<f64> {
         self.lower_left + self.right * x + self.up * y
     }
 
-    /// Where the line from `eye` to `point` goes through the screen's plane, from its lower left corner [m]; `None` where it does not, from the eye on.
+    /// Where the line from `eye` to `point` crosses the screen's plane, from its lower left corner [m]; `None` where
+    /// it does not cross it ahead of the eye.
     pub fn through(&self, eye: &Point3<f64>, point: &Point3<f64>) -> Option<Point2<f64>> {
         let normal = self.normal();
         let distance = normal.dot(&(eye - self.lower_left));
@@ -126,7 +127,7 @@ impl Screen {
     /// The frustum from `eye` through the screen, between clipping planes [m].
     ///
     /// # Errors
-    /// An eye that is not before the screen, or clipping planes that are none.
+    /// An eye that is not in front of the screen, or clipping planes that are not in order.
     pub fn off_axis(&self, eye: &Point3<f64>, [near, far]: [f64; 2]) -> Result<OffAxis, ScreenError> {
         if !(near > 0.0 && far > near && far.is_finite()) {
             return Err(ScreenError::Clipping { near, far });
@@ -161,7 +162,8 @@ impl Screen {
 }
 
 impl OffAxis {
-    /// Where a point of the world is drawn: −1 to 1 across the screen, upwards, and from the near to the far plane; `None` behind the eye.
+    /// Normalised device coordinates of a point of the world: −1 to 1 across the screen, upwards, and from the near to
+    /// the far plane; `None` behind the eye.
     pub fn drawn(&self, point: &Point3<f64>) -> Option<Point3<f64>> {
         let clip = self.clip_from_world * point.to_homogeneous();
         (clip.w > 0.0).then(|| Point3::from(clip.xyz() / clip.w))
@@ -250,7 +252,7 @@ mod tests {
         assert_eq!(refused(Point3::new(5.0, 0.0, 0.0)), ScreenError::EyeNotBefore { distance: 0.0 });
         assert_eq!(refused(Point3::new(0.0, 0.0, -1.0)), ScreenError::EyeNotBefore { distance: -1.0 });
         assert!(matches!(refused(Point3::new(0.0, f64::NAN, 1.0)), ScreenError::EyeNotBefore { .. }));
-        assert!(refused(Point3::new(0.0, 0.0, 0.001)).to_string().contains("0.001 m before the screen's plane"));
+        assert!(refused(Point3::new(0.0, 0.0, 0.001)).to_string().contains("0.001 m from the screen's plane"));
         assert_eq!(screen.through(&Point3::new(0.0, 0.0, -1.0), &Point3::new(0.0, 0.0, 1.0)), None);
         assert_eq!(screen.through(&Point3::new(0.0, 0.0, 1.0), &Point3::new(0.5, 0.0, 1.0)), None, "along the screen");
         for near_far in [[0.0, 1.0], [1.0, 1.0], [0.1, f64::INFINITY], [f64::NAN, 1.0]] {

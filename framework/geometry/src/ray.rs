@@ -1,40 +1,40 @@
-//! Lines of sight, and where two of them come closest.
+//! Lines of sight, and their closest approach.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 /// Two rays whose angle has a smaller sine than this [rad] count as parallel.
 const PARALLEL: f64 = 1e-6;
 
-/// A line with an origin and a direction; depths along it are signed, and behind the origin negative.
+/// A line of sight: a line with an origin and a direction. Depths along it are signed, negative behind the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Where it starts, such as a camera's centre [m].
+    /// Origin, for example a camera's centre [m].
     pub origin: Point3<f64>,
-    /// Where it goes, of length 1.
+    /// Unit direction.
     pub direction: Unit<Vector3<f64>>,
 }
 
-/// Where two rays come closest to one another.
+/// Where two rays come closest to each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Approach {
     /// Midway between the two closest points [m].
     pub midpoint: Point3<f64>,
-    /// The distance between these [m].
+    /// Distance between the two closest points [m].
     pub gap: f64,
-    /// Of the closest point on the first ray; negative when behind its origin [m].
+    /// Depth of the closest point on the first ray; negative behind its origin [m].
     pub depth_a: f64,
-    /// Of the closest point on the second ray; negative when behind its origin [m].
+    /// Depth of the closest point on the second ray; negative behind its origin [m].
     pub depth_b: f64,
 }
 
 impl Ray {
-    /// The point `depth` metres along.
+    /// The point at `depth` along the ray [m].
     #[inline]
     pub fn at(&self, depth: f64) -> Point3<f64> {
         self.origin + self.direction.into_inner() * depth
     }
 
-    /// How far along the ray its closest point to `point` lies; negative when behind the origin [m].
+    /// Depth of the point on the ray closest to `point`; negative behind the origin [m].
     #[inline]
     pub fn depth_of(&self, point: &Point3<f64>) -> f64 {
         (point - self.origin).dot(&self.direction)
@@ -47,8 +47,8 @@ impl Ray {
     }
 }
 
-/// Where the lines of `a` and `b` come closest; `None` when they are parallel to within a millionth of a radian, or
-/// not finite. Check the depths if only what lies in front counts.
+/// The closest approach of the lines of `a` and `b`; `None` when they are parallel to within a millionth of a radian,
+/// or not finite. Check the depths where only points in front of the origins count.
 #[inline]
 pub fn closest_approach(a: &Ray, b: &Ray) -> Option<Approach> {
     let normal = a.direction.cross(&b.direction);

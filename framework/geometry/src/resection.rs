@@ -1,12 +1,32 @@
-//! Where a camera stands: its pose from points of known place and the pixels at which it sees them.
+//! Resection: the pose of a camera with known optics from known points and their pixels.
 //!
-//! The optics are known. Poses of three points each, drawn at random, are tried on all points (RANSAC); the best one is refined on
-//! the pixels of all of them by Levenberg–Marquardt under Cauchy's loss ρ(r) = σ² c² ln(1 + |r|²/(σ c)²), c = 2.385, which lets a wrong
-//! pair go the further it is off. The points are moved to their centroid first, so that places of millions of metres keep their digits.
+//! RANSAC over poses of three points each; the best one is refined on the pixels of all points by Levenberg–Marquardt
+//! under Cauchy's loss ρ(r) = σ² c² ln(1 + |r|²/(σ c)²), c = 2.385, under which the pull of outliers vanishes. The
+//! points are moved to their centroid first, so that coordinates of millions of metres keep their precision.
 //!
-//! Four points are the least: three admit up to four poses. Points on a line or in one place fix no pose and are refused;
-//! points in a plane do. Wrong pairs may be more than half as long as [`ResectionOptions::trials`] draws are likely to hold
-//! three right ones: 200 are for half, 2000 for 85 %.
+//! At least four points are needed: three admit up to four poses. Points on a line or in one place do not fix a pose
+//! and are refused; points in a plane are fine. More than half of the pairs may be outliers, as long as
+//! [`ResectionOptions::trials`] are likely to draw three inliers: 200 trials suffice for 50 %, 2000 for 85 %.
+//!
+//! ```
+//! use foveate_estimation::Random;
+//! use foveate_geometry::{Camera, ResectionOptions, resect};
+//! use nalgebra::{Point3, Vector2};
+//!
+//! let camera = Camera::look_at(Point3::new(2.0, -3.0, 1.8), Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0);
+//! let mut random = Random::new(1);
+//! let mut draw = |size: f64| random.uniform_in(-size, size);
+//! let points: Vec<_> = (0..30).map(|_| Point3::new(draw(1.0), draw(1.0), 1.0 + draw(1.0))).collect();
+//! let mut pixels: Vec<_> = points.iter().map(|it| camera.project(it).unwrap() + Vector2::new(draw(0.5), draw(0.5))).collect();
+//! for pixel in &mut pixels[..10] {
+//!     pixel.x += 60.0; // a third of the pairs is wrong
+//! }
+//! let found = resect(&camera, &points, &pixels, &ResectionOptions::default(), |n| random.below(n))?;
+//! assert!(found.right.iter().enumerate().all(|(index, is_right)| *is_right == (index >= 10)));
+//! let error = found.camera_from_world * camera.camera_from_world.inverse();
+//! assert!(error.rotation.angle() < 1e-3 && error.translation.vector.norm() < 4e-3); // half a pixel is 4 mm at 4 m
+//! # Ok::<(), foveate_geometry::ResectionError>(())
+//! ```
 
 pub mod three_points;
 
@@ -17,14 +37,14 @@ use nalgebra::{
 
 use crate::camera::Camera;
 
-/// How to go about it.
+/// Options of [`resect`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResectionOptions {
-    /// Of either coordinate of a right pixel, standard deviation [px].
+    /// Pixel noise of inliers, standard deviation of either coordinate [px].
     pub sigma_px: f64,
-    /// A pair whose pixel is at most this far off is a right one [px].
+    /// A pair is an inlier when its pixel is at most this far off [px].
     pub inlier_px: f64,
-    /// Triples that are drawn at most; fewer when enough pairs agree early [–].
+    /// RANSAC trials at most; fewer when enough pairs agree early [–].
     pub trials: u32,
 }
 
@@ -34,44 +54,44 @@ impl Default for ResectionOptions {
     }
 }
 
-/// What [`resect`] found.
+/// The pose of a camera with its inliers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resection {
-    /// The pose: takes points in the world to points in the camera.
+    /// The pose: maps points in the world to points in the camera.
     pub camera_from_world: Isometry3<f64>,
-    /// Of the pose, in the order and the update of `docs/notation.md`, if the right pixels are as good as `sigma_px` says.
+    /// Covariance of the pose, in the order and the update of `docs/notation.md`, if `sigma_px` is right.
     pub covariance: Matrix6<f64>,
-    /// By pair: whether it is a right one.
+    /// By pair: whether it is an inlier.
     pub right: Vec<bool>,
-    /// Root of the mean over the right pairs of the squared pixel distance [px].
+    /// Root mean square reprojection error of the inliers [px].
     pub residuals_rms_px: f64,
-    /// Σ ρ of all pairs over their count, those behind the camera at 100 `inlier_px` [px²]: to compare poses of one set of pairs.
+    /// Mean robust cost of all pairs, those behind the camera at 100 `inlier_px` [px²]: to compare poses of the same set of pairs.
     pub loss_px2: f64,
 }
 
-/// Why there is no answer.
+/// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ResectionError {
     /// Lists of different lengths.
     #[error("{points} points and {pixels} pixels, expected as many of each")]
     LengthsDiffer {
-        /// How many points.
+        /// Number of points.
         points: usize,
-        /// How many pixels.
+        /// Number of pixels.
         pixels: usize,
     },
-    /// Three points admit up to four poses.
+    /// Too few pairs: three points admit up to four poses.
     #[error("{count} usable pairs of point and pixel do not fix a pose, expected at least 4")]
     TooFew {
-        /// How many have finite numbers and a line of sight.
+        /// Pairs with finite numbers and a line of sight.
         count: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected more than 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option out of range.
+    #[error("{option} is {found}, expected more than 0")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
+        /// Value that was found.
         found: f64,
     },
     /// All points on a line, or in one place.
@@ -80,22 +100,22 @@ pub enum ResectionError {
         /// Standard deviation across over along the line.
         ratio: f64,
     },
-    /// No pose explains four pairs or more.
+    /// No pose has four inliers or more.
     #[error("no pose found in {trials} trials explains more than {agreeing} of {count} pairs")]
     NoConsensus {
-        /// Triples drawn.
+        /// RANSAC trials.
         trials: u32,
-        /// Right pairs of the best pose.
+        /// Inliers of the best pose.
         agreeing: usize,
-        /// All pairs.
+        /// Number of pairs.
         count: usize,
     },
-    /// The right pairs alone do not hold the pose.
+    /// The inliers do not determine the pose.
     #[error("the {count} right pairs do not fix the pose: the best known direction is {ratio:.1e} times the worst")]
     Degenerate {
-        /// Right pairs.
+        /// Number of inliers.
         count: usize,
-        /// Standard deviation along the best known over that along the worst known direction, in a scale of the points.
+        /// Standard deviation along the best known over that along the worst known direction, with lengths in units of the points' spread.
         ratio: f64,
     },
 }
@@ -115,8 +135,8 @@ const OPTIONS: DriverOptions = DriverOptions {
 /// Chance at which three right pairs must have been drawn before the search ends early.
 const CONFIDENCE: f64 = 0.9999;
 
-/// Finds the pose from which `camera` (whose own pose does not matter) sees `points_in_world` at `pixels`. `below(n)` gives whole
-/// numbers from 0 to n − 1 at random: the same numbers give the same pose.
+/// Robust pose of `camera` (whose own pose is not used) from `points_in_world` and their raw `pixels`. `below(n)`
+/// draws a random whole number from 0 to n − 1: the same numbers give the same pose.
 ///
 /// # Errors
 /// See [`ResectionError`].
@@ -157,7 +177,7 @@ pub fn resect(
     problem.finish(problem.refine(start))
 }
 
-/// Refines the pose that `camera` has on the pixels, without a search: for a pose that is nearly right.
+/// Refines the pose of `camera` on the pixels, without RANSAC: for a pose that is nearly right.
 ///
 /// # Errors
 /// See [`ResectionError`].
@@ -200,9 +220,9 @@ impl<'a> Problem<'a> {
         if points.len() != pixels.len() {
             return Err(ResectionError::LengthsDiffer { points: points.len(), pixels: pixels.len() });
         }
-        for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
+        for (option, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
             if !(found.is_finite() && found > 0.0) {
-                return Err(ResectionError::BadRule { rule, found });
+                return Err(ResectionError::BadOption { option, found });
             }
         }
         let mut pairs = Vec::with_capacity(points.len());

@@ -34,7 +34,7 @@ pub(crate) fn path(n: usize) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// What at most `views` cameras, drawn anew for each point, see of it, with noise of `sigma` [px].
+/// What at most `views` cameras, drawn for each point, see of it, with noise of `sigma` [px].
 pub(crate) fn observations(
     cameras: &[Camera],
     points: &[Point3<f64>],

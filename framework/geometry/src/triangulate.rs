@@ -1,11 +1,27 @@
-//! A point from several lines of sight, and its refinement on the pixels themselves.
+//! Triangulation: a point from several lines of sight, refined on the pixels.
 //!
-//! [`triangulate_rays`] gives the point whose squared distances to all lines have the least sum: in closed form, but
-//! blind to how well each camera sees. [`refine`] starts from there and minimises Σ rᵢᵀ Wᵢ rᵢ over the point, rᵢ being
-//! the pixel error of camera i and Wᵢ the inverse of its covariance, by Levenberg–Marquardt: the maximum-likelihood
-//! point under Gaussian pixel noise. Its covariance is (Σ Jᵢᵀ Wᵢ Jᵢ)⁻¹, Jᵢ the derivative of pixel i by the point.
+//! [`triangulate_rays`] gives the point with the least sum of squared distances to all lines: in closed form, without
+//! weights. [`refine`] starts there and minimises Σ rᵢᵀ Wᵢ rᵢ over the point, rᵢ the reprojection error of camera i
+//! and Wᵢ the inverse of its covariance, by Levenberg–Marquardt: the maximum-likelihood point under Gaussian pixel
+//! noise. Its covariance is (Σ Jᵢᵀ Wᵢ Jᵢ)⁻¹, Jᵢ the derivative of pixel i by the point. Neither allocates.
 //!
-//! Neither allocates.
+//! ```
+//! use foveate_geometry::{Camera, PixelNoise, refine, triangulate_rays};
+//! use nalgebra::{Point3, Vector2};
+//!
+//! let light = Point3::new(0.2, 0.4, 1.1);
+//! let cameras = [[3.0, 0.0, 2.0], [0.0, 3.0, 2.0], [-2.0, -2.0, 2.5]]
+//!     .map(|centre| Camera::look_at(Point3::from(centre), Point3::new(0.0, 0.0, 1.0), [640, 480], 500.0));
+//! // Each camera measures the light half a pixel off.
+//! let pixels = cameras.each_ref().map(|it| it.project(&light).unwrap() + Vector2::new(0.3, -0.4));
+//! let rays = [0, 1, 2].map(|index| cameras[index].ray(&pixels[index]).unwrap());
+//!
+//! let start = triangulate_rays(&rays).unwrap();
+//! let found = refine(&cameras.each_ref(), &pixels, PixelNoise::Sigma(0.5), start)?;
+//! assert!((found.position - light).norm() < 0.003, "half a pixel is 3 mm at 3 m");
+//! assert!(found.residuals_rms_px < 0.5 && found.covariance.trace().sqrt() < 0.005);
+//! # Ok::<(), foveate_geometry::TriangulationError>(())
+//! ```
 
 use foveate_estimation::least_squares::{
     Damping, DriverOptions, SmallEquations, SmallProblem, SmallSolution, Stop, solve_small,
@@ -15,69 +31,69 @@ use nalgebra::{Matrix2, Matrix3, Point2, Point3, Vector3};
 use crate::camera::Camera;
 use crate::ray::Ray;
 
-/// How well the pixels of a triangulation are known.
+/// Pixel noise of a triangulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PixelNoise<'a> {
-    /// One standard deviation for both directions of all pixels [px].
+    /// One standard deviation for both coordinates of all pixels [px].
     Sigma(f64),
-    /// One covariance a pixel [px²].
+    /// A covariance for each pixel [px²].
     Covariances(&'a [Matrix2<f64>]),
 }
 
-/// What [`refine`] found.
+/// A triangulated point with covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangulation {
-    /// In the world [m].
+    /// Position in the world [m].
     pub position: Point3<f64>,
-    /// Of the position, if the noise is what was stated [m²].
+    /// Covariance of the position, if the stated noise is right [m²].
     pub covariance: Matrix3<f64>,
-    /// Root of the mean over the cameras of the squared pixel distance [px].
+    /// Root mean square reprojection error [px].
     pub residuals_rms_px: f64,
-    /// Steps tried, rejected ones included.
+    /// Iterations, rejected steps included.
     pub iterations: u32,
 }
 
-/// Why [`refine`] has no answer.
+/// Why [`refine`] has no result.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TriangulationError {
     /// Lists of different lengths.
     #[error("{cameras} cameras, {pixels} pixels and {covariances} covariances, expected as many of each")]
     LengthsDiffer {
-        /// How many cameras.
+        /// Number of cameras.
         cameras: usize,
-        /// How many pixels.
+        /// Number of pixels.
         pixels: usize,
-        /// How many covariances; with a single sigma, as many as pixels.
+        /// Number of covariances; with a single sigma, that of the pixels.
         covariances: usize,
     },
     /// Fewer than two cameras.
-    #[error("{count} cameras do not fix a point, expected at least 2")]
+    #[error("{count} cameras do not determine a point, expected at least 2")]
     TooFew {
-        /// How many.
+        /// Number of cameras.
         count: usize,
     },
-    /// The noise of a pixel is not that of anything.
+    /// Noise that is not a positive definite covariance.
     #[error("the noise of pixel {index} is not a positive definite covariance")]
     BadNoise {
-        /// Which.
+        /// Index of the pixel.
         index: usize,
     },
-    /// The starting point cannot be seen, or the pixel is not a number.
+    /// The starting point is not visible, or the pixel is not finite.
     #[error("camera {index} does not see the starting point, or its pixel is not finite")]
     NotVisible {
-        /// Which.
+        /// Index of the camera.
         index: usize,
     },
-    /// All lines of sight are nearly parallel: the depth is not known.
+    /// All lines of sight are nearly parallel: the depth is unobservable.
     #[error("the lines of sight are nearly parallel: the best known direction is {ratio:.1e} times the worst")]
     Degenerate {
         /// Standard deviation along the best known over that along the worst known direction.
         ratio: f64,
     },
-    /// No minimum within the allowed steps, usually since the pixels do not belong together.
-    #[error("no minimum after {iterations} steps")]
+    /// No convergence, usually since the pixels belong to different points.
+    #[error("no convergence after {iterations} iterations")]
     NoConvergence {
-        /// Steps tried.
+        /// Iterations.
         iterations: u32,
     },
 }
@@ -94,8 +110,8 @@ const OPTIONS: DriverOptions = DriverOptions {
     absolute_gain: 0.5e-20,
 };
 
-/// The point with the least sum of squared distances to the lines of `rays`, from which it may lie behind the origin.
-/// `None` for fewer than two rays, for (nearly) parallel ones, or when a number is not finite.
+/// The point with the least sum of squared distances to the lines of `rays`; it may lie behind an origin. `None` for
+/// fewer than two rays, for (nearly) parallel ones, or when a number is not finite.
 pub fn triangulate_rays(rays: &[Ray]) -> Option<Point3<f64>> {
     let near = rays.first().filter(|_| rays.len() >= 2)?.origin; // origins relative to this keep their digits
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -112,7 +128,10 @@ pub fn triangulate_rays(rays: &[Ray]) -> Option<Point3<f64>> {
     point.iter().all(|it| it.is_finite()).then_some(point)
 }
 
-/// Finds the point whose projections come closest to `pixels`, weighted by `noise`, starting at `start`.
+/// Triangulates the point with the least reprojection error to `pixels`, weighted by `noise`, from `start`.
+///
+/// # Errors
+/// See [`TriangulationError`].
 pub fn refine(
     cameras: &[&Camera],
     pixels: &[Point2<f64>],

@@ -3,7 +3,7 @@
 //! Eight Gaussian spots (σ 1.6 px, 200 gray levels over 20), noise of 3 gray levels, background table of 32 + 25 for
 //! each pixel. `cargo bench -p foveate-imaging`.
 
-#[path = "../tests/support/scene.rs"]
+#[path = "../tests/it/scene.rs"]
 mod scene;
 
 use std::hint::black_box;
@@ -116,7 +116,7 @@ fn worst(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Median and least of 200 rounds over the 30 pictures: the least is what the work takes when nobody else has the
+/// Median and least of 200 rounds over the 30 pictures: the least is what the work takes when no other program has the
 /// machine's attention, which criterion's mean does not show. The peer's script prints the same two.
 fn rounds() {
     let limits = SpotLimits::default();

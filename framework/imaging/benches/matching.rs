@@ -250,9 +250,9 @@ fn errors(what: &str, pairs: &[Pair], noise: f64, only_corners: bool, options: &
     );
 }
 
-/// Patches of one surface held against another one: everything that is accepted is wrong.
+/// Patches of one surface searched on another one: everything that is accepted is wrong.
 fn false_matches(name: &str, of: impl Fn(u64) -> Surface, places: &[[f64; 2]], options: MatchOptions) {
-    println!("{name}: patches of one surface held against another one, noise 2");
+    println!("{name}: patches of one surface searched on another one, noise 2");
     for (reach, least) in [(6, 0.8), (6, 0.85), (6, 0.9), (6, 0.95), (10, 0.8), (10, 0.9)] {
         let options = MatchOptions { min_correlation: least, ..options };
         let (mut wrong, mut tries, mut correlations) = (0, 0, Vec::new());

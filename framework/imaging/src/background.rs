@@ -8,10 +8,10 @@
 //!
 //! - *A target in view while learning.* A maximum over frames burns its whole path into the background, which is then
 //!   blind along it until the next learning. [`Statistic::WithoutHighest`] leaves out the brightest few frames of each
-//!   pixel: a light that moves on within that many frames leaves no trace. A light that stands still cannot be told
-//!   from a lamp; `sink` lets its trace fade after it has gone (and the whole table follow when the room gets darker,
-//!   which the paper's rule never notices).
-//! - *What is emitted while learning.* Without a table nothing can be said: [`Background::thresholds`] is `None`. While
+//!   pixel: a light that moves on within that many frames leaves no trace. A light that stands still cannot be
+//!   distinguished from a lamp; `sink` lets its trace fade after it has gone (and lets the whole table follow when the room
+//!   gets darker, which the paper's rule never notices).
+//! - *What is emitted while learning.* Without a table nothing can be detected: [`Background::thresholds`] is `None`. While
 //!   learning again the old table stays in force, but a frame that floods it is not to be trusted:
 //!   [`Verdict::Flooded`].
 //! - *A flash.* Learning again ends with a new table only if a fifth of its frames were flooded; otherwise the old one
@@ -91,7 +91,7 @@ impl BackgroundConfig {
     }
 }
 
-/// What the spots of a frame are worth.
+/// Whether the spots found in a frame can be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// There is no table yet (or was none for this frame): nothing could be found.
@@ -102,7 +102,7 @@ pub enum Verdict {
     Flooded,
 }
 
-/// The background of one camera. Costs time only while it learns or sinks.
+/// Learnt background brightness and thresholds of one camera. Costs time only while it learns or sinks.
 #[derive(Debug, Clone)]
 pub struct Background {
     config: BackgroundConfig,
@@ -130,7 +130,7 @@ struct Learning {
 }
 
 impl Background {
-    /// The background of pictures of this size [px], about to learn; nothing is masked.
+    /// A background for pictures of this size [px], about to learn; nothing is masked.
     pub fn new(config: BackgroundConfig, width: usize, height: usize) -> Result<Self, ImagingError> {
         config.check()?;
         let n = width * height;
@@ -166,7 +166,7 @@ impl Background {
         Ok(())
     }
 
-    /// Changes the two levels that the paper lets people turn while the system runs; takes effect at once.
+    /// Changes the two levels that can be adjusted while the system runs [gray level]; takes effect at once.
     pub fn set_levels(&mut self, offset: u8, min_threshold: u8) {
         self.config.offset = offset;
         self.config.min_threshold = min_threshold;
@@ -201,7 +201,7 @@ impl Background {
         if unmasked == 0 { 0.0 } else { 1.0 - usable as f64 / unmasked as f64 }
     }
 
-    /// Takes note of a frame and of what was found in it with [`Background::thresholds`] (`None`: not searched).
+    /// Learns from a frame and from what was found in it with [`Background::thresholds`] (`None`: not searched).
     ///
     /// Call it once for each frame, after the search. [`ImagingError::WrongSize`] leaves everything as it was.
     pub fn update(&mut self, image: &ImageView, found: Option<&Found>) -> Result<Verdict, ImagingError> {

@@ -16,12 +16,12 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use crate::spots::component::{Component, Frame, Run};
 use crate::{Foreground, ImagingError};
 
-/// One blob.
+/// A blob: a connected, or nearly connected, region of foreground.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blob {
     /// Mean of its pixels [px].
     pub centroid: Point2<f64>,
-    /// How well that is known [px²].
+    /// Covariance of the centroid [px²].
     pub covariance: Matrix2<f64>,
     /// Second moments of its pixels about the centroid, over their number [px²].
     pub moment: Matrix2<f64>,
@@ -29,13 +29,13 @@ pub struct Blob {
     pub area: u64,
     /// First and last column and row: [x0, y0, x1, y1], all four part of it [px].
     pub bounds: [u32; 4],
-    /// It reaches the picture's edge, where a part of it may be missing.
+    /// Whether it touches the picture's edge, where a part of it may be missing.
     pub touches_border: bool,
     /// Its pieces, in [`BlobFinder::pieces`].
     pieces: (usize, usize),
 }
 
-/// Which foreground makes a blob.
+/// Limits on what counts as a blob.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BlobLimits {
     /// Smallest blob kept, at least 1 [px²].
@@ -196,8 +196,8 @@ impl BlobFinder {
         self.runs(blob).map(|it| (it.y, it.x0..it.x1))
     }
 
-    /// The point that stands for a blob of the last search, and its covariance: its end in `direction`, its centroid where that has no length. `shape_error`:
-    /// how far that is from what others see of the same body, one standard deviation, in standard deviations of the blob's pixels.
+    /// The reference point of a blob of the last search and its covariance: its end in `direction`, or its centroid where that has no length. `shape_error`:
+    /// how far this point is from what other cameras see of the same body, one standard deviation, in standard deviations of the blob's pixels.
     pub fn point(&self, blob: &Blob, direction: Vector2<f64>, shape_error: f64) -> (Point2<f64>, Matrix2<f64>) {
         let (point, covariance) = self.end(blob, direction).unwrap_or((blob.centroid, blob.covariance));
         (point, covariance + cut_off(blob, &point) + blob.moment * (shape_error * shape_error))

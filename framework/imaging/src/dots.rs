@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
 use crate::{ImageView, ImagingError};
 
-/// What counts as a dot.
+/// Limits on what counts as a dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DotLimits {
     /// The radius of a dot, 1 to 20; dots of half to twice that are found [px].
@@ -31,12 +31,12 @@ impl Default for DotLimits {
     }
 }
 
-/// A dot that was found.
+/// A detected dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dot {
     /// Its middle [px].
     pub centre: Point2<f64>,
-    /// Of that [px²].
+    /// Covariance of the middle [px²].
     pub covariance: Matrix2<f64>,
     /// How much darker than its surroundings it is, at its darkest, 0 to 1 [–].
     pub contrast: f64,
@@ -44,7 +44,7 @@ pub struct Dot {
     pub area: u32,
 }
 
-/// Finds dots; holds the memory for that.
+/// Dot detector; its buffers are reused from picture to picture.
 #[derive(Debug, Clone)]
 pub struct DotFinder {
     limits: DotLimits,
@@ -62,6 +62,8 @@ const FLOOR_PX: f64 = 0.02;
 const N_RING: usize = 24;
 
 impl DotFinder {
+    /// A detector of dots within `limits`.
+    ///
     /// # Errors
     /// [`ImagingError::Setting`] names the first limit out of its range.
     pub fn new(limits: DotLimits) -> Result<Self, ImagingError> {
@@ -80,7 +82,7 @@ impl DotFinder {
         Ok(this)
     }
 
-    /// What counts as a dot.
+    /// Limits on what counts as a dot.
     pub fn limits(&self) -> &DotLimits {
         &self.limits
     }

@@ -1,11 +1,11 @@
-//! What can be wrong with what this room is given.
+//! Errors of this crate's functions about their arguments.
 
 use std::fmt;
 
 /// Why a picture, a table or a setting is refused.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ImagingError {
-    /// A buffer does not hold what its size promises.
+    /// A buffer has another number of elements than its size requires.
     WrongLength {
         /// Which buffer.
         what: &'static str,
@@ -14,7 +14,7 @@ pub enum ImagingError {
         /// Elements that it has.
         found: usize,
     },
-    /// Two things of different sizes were to be compared pixel by pixel.
+    /// Two pictures or tables that are compared pixel by pixel have different sizes.
     WrongSize {
         /// Which of them.
         what: &'static str,
@@ -25,7 +25,7 @@ pub enum ImagingError {
     },
     /// A setting lies outside its range.
     Setting {
-        /// Its name.
+        /// Name of the camera.
         name: &'static str,
         /// What it has to be.
         expected: &'static str,

@@ -1,9 +1,9 @@
-//! What does not belong to the background of a picture of a natural scene, pixel by pixel [Davis 2002 §3.3, last paragraph].
+//! Background subtraction in gray pictures of natural scenes [Davis 2002 §3.3, last paragraph].
 //!
 //! Each pixel has a mean m and a variance v. With the picture's gain g, d = I − min(g m, 255); the pixel is foreground
 //! when d² > k² v, and *surely* so when d² exceeds a second, higher bound. Background pixels teach: m += d / (g n) and
-//! v += (d² − v) / n, n being `adapt_frames`. The state of a pixel is C. R. Wren et al., "Pfinder", TPAMI 19(7), 1997; what
-//! stands around it:
+//! v += (d² − v) / n, n being `adapt_frames`. The state of a pixel is that of C. R. Wren et al., "Pfinder", TPAMI 19(7), 1997. What
+//! is added:
 //!
 //! - *Light.* g is the picture's brightness over the learnt one, from the median of the ratios of some 4,000 pixels: an
 //!   exposure that changes, or a lamp that is switched, moves all pixels alike and is no foreground. m stays in the light
@@ -12,9 +12,9 @@
 //!   whatever their texture. A foreground pixel that is darker, by no more than `shadow_ratio`, and whose 3 × 3
 //!   neighbourhood has one ratio, is taken for shadow. A uniform thing before a uniform wall that is darker by as little
 //!   looks the same to a gray camera, and is lost.
-//! - *Who stands still.* Foreground teaches nothing. A pixel that has been foreground with the same value for
-//!   `absorb_frames` pictures in a row is learnt anew: that is how a chair that was moved becomes background.
-//! - *Learning.* The start is a robust mean over samples of `learn_frames` pictures (`learning`), so that somebody who
+//! - *Stationary foreground.* Nothing is learnt from foreground. A pixel that has been foreground with the same value for
+//!   `absorb_frames` pictures in a row is learnt again: that is how a chair that was moved becomes background.
+//! - *Learning.* The start is a robust mean over samples of `learn_frames` pictures (`learning`), so that a person who
 //!   passes leaves no trace, or a picture of the empty room.
 //! - *Specks.* A pixel changes sides when the majority of its 3 × 3 neighbourhood is on the other one.
 
@@ -83,7 +83,7 @@ impl ForegroundConfig {
     }
 }
 
-/// The learnt scene of one camera, and the foreground of its last picture.
+/// Background model of one camera, and the foreground mask of its last picture.
 #[derive(Debug, Clone)]
 pub struct Foreground {
     config: ForegroundConfig,
@@ -119,7 +119,7 @@ struct Stay {
 const GAIN_SAMPLES: usize = 4096;
 
 impl Foreground {
-    /// The scene of pictures of this size [px], about to be learnt; nothing is masked.
+    /// A model for pictures of this size [px], about to learn; nothing is masked.
     pub fn new(config: ForegroundConfig, width: usize, height: usize) -> Result<Self, ImagingError> {
         config.check()?;
         let n = width * height;
@@ -156,8 +156,8 @@ impl Foreground {
         Ok(())
     }
 
-    /// Begins with a picture of the empty scene instead of learning: its values are the means, and three times the noise
-    /// floor the standard deviation, until the pictures teach better.
+    /// Starts from a picture of the empty scene instead of learning: its values are the means, and three times the noise
+    /// floor the standard deviation, until more is learnt.
     pub fn set_background(&mut self, image: &ImageView) -> Result<(), ImagingError> {
         self.fits(image)?;
         let start = (3.0 * self.config.noise_floor).powi(2);
@@ -169,7 +169,7 @@ impl Foreground {
         Ok(())
     }
 
-    /// Adds to each pixel's variance what a background that lies `jitter_px` beside where it should makes of its slope there, one standard deviation.
+    /// Adds to each pixel's variance the effect of a background displaced by `jitter_px` [px, one standard deviation] on the slope there.
     pub fn allow_jitter(&mut self, jitter_px: f32) {
         let (width, height) = (self.width, self.height);
         for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
@@ -180,7 +180,7 @@ impl Foreground {
         }
     }
 
-    /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
+    /// Ends learning with the pictures of the empty scene so far. `false`: there was none, and learning goes on.
     pub fn end_learning(&mut self) -> bool {
         if self.learning.as_mut().is_some_and(Learning::end)
             && let Some(learning) = self.learning.take()
@@ -216,10 +216,10 @@ impl Foreground {
         (self.mean[index], self.variance[index].sqrt())
     }
 
-    /// Splits a picture into fore- and background, and learns from it.
+    /// Segments a picture into foreground and background, and learns from it.
     ///
     /// [`Verdict::Learning`]: there is no foreground yet. [`Verdict::Flooded`]: more than `relearn_fraction` of the picture is
-    /// foreground, which is stated in the mask and worth little. [`ImagingError::WrongSize`] leaves everything as it was.
+    /// foreground, so the mask is unreliable. [`ImagingError::WrongSize`] leaves everything as it was.
     pub fn update(&mut self, image: &ImageView) -> Result<Verdict, ImagingError> {
         self.fits(image)?;
         if let Some(learning) = &mut self.learning {
@@ -287,7 +287,7 @@ impl Foreground {
         }
     }
 
-    /// Takes shadows out of the foreground, and learns anew what has been in it, unchanged, for long.
+    /// Takes shadows out of the foreground, and learns again what has been in it, unchanged, for long.
     fn visit_foreground(&mut self, pixels: &[u8]) {
         const BLOCK: usize = 32;
         for start in (0..pixels.len()).step_by(BLOCK) {

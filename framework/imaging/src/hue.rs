@@ -18,7 +18,7 @@ const LEAST_LIGHT: f32 = 15.0;
 /// A spot of fewer such pixels has no hue.
 const LEAST_PIXELS: u32 = 4;
 
-/// Hue of a spot.
+/// Hue of a bright spot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hue {
     /// 0 red, 120 green, 240 blue [deg].
@@ -51,8 +51,8 @@ impl<'a> RgbView<'a> {
         Ok(RgbView { pixels, width, height })
     }
 
-    /// The hue of the spot whose lit pixels lie in `bounds`, first and last column and row, where noise of a pixel is `pixel_sigma` [gray level]. `None` for light
-    /// without a colour that can be told: too few pixels that are not full, or no more chroma than noise has.
+    /// The hue of the spot whose lit pixels lie in `bounds` (first and last column and row), with pixel noise `pixel_sigma` [gray level]. `None` where the
+    /// hue cannot be determined: too few unsaturated pixels, or no more chroma than noise has.
     pub fn hue(&self, bounds: [u32; 4], pixel_sigma: f64) -> Option<Hue> {
         let inner = self.grown(bounds, FLANK);
         let (mut sum, mut n, mut squares) = ([0.0_f32; 3], 0, 0.0_f32);

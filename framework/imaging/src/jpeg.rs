@@ -3,7 +3,7 @@
 //! Decoders make gray of what was cut off, with no complaint. The structure tells (ITU T.81, annex B): segments with a length, then entropy-coded data in which 0xFF is
 //! always followed by 0x00 or a restart marker, and an end marker. Damage that leaves this structure intact is not noticed: JPEG has no check sums.
 
-/// Walks a JPEG to its end marker.
+/// Checks that a JPEG is complete by walking its segments to the end marker.
 ///
 /// # Errors
 /// A sentence about what was found instead, to be put after the name of a file.

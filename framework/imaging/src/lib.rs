@@ -1,19 +1,20 @@
-//! Pictures and what can be found in them: views, colour planes, masks, learned thresholds, bright spots, patches that move.
+//! Feature detection and tracking in camera pictures: LED detection, background subtraction, blobs, chessboard corners, dots, Lucas-Kanade,
+//! least squares matching, structured light.
 //!
-//! One frame of one camera, as the detector of [Davis 2002 §3.3] treats it:
+//! LEDs and other bright spots in one frame of one camera, as the detector of [Davis 2002 §3.3] does it:
 //!
-//! 1. [`plane::extract`] turns RGB into one byte a pixel (a gray picture is taken as it is);
+//! 1. [`plane::extract`] turns RGB into one byte a pixel (a gray picture is used as it is);
 //! 2. [`SpotFinder`] searches it whole, or sampled rows and windows of it, against a [`ThresholdMap`];
-//! 3. [`Background::update`] is told how much was lit, learns, and says whether the spots are to be trusted.
+//! 3. [`Background::update`] learns from the frame and from how much of it was lit, and judges whether the spots can be trusted.
 //!
-//! A natural scene has no bright spots: [`Foreground`] splits a picture by the statistics of its background, and [`BlobFinder`]
-//! joins the foreground to blobs. In colour, [`Segmenter`] tells bodies from their shadows. [`find_chessboard`] finds the corners of a calibration board.
+//! Natural scenes without lights: [`Foreground`] segments a picture by the statistics of its background, and [`BlobFinder`]
+//! joins the foreground to blobs. In colour, [`Segmenter`] separates bodies from their shadows. [`find_chessboard`] finds the corners of a calibration board.
 //!
-//! A surface with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] the motion of the whole between two pictures,
-//! and [`LucasKanade`] follows any small patch, from coarse to fine on a [`Pyramid`].
+//! Surfaces with painted marks [Davis 2002 §5.1]: [`DotFinder`] finds them, [`Stabiliser`] estimates the dominant translation between two pictures,
+//! and [`LucasKanade`] tracks any small patch, from coarse to fine on a [`Pyramid`].
 //!
-//! A surface that is to be measured: [`matching`] finds patches of one picture in others by least squares, to hundredths of a pixel
-//! [D'Apuzzo 1999 §2.3].
+//! Surfaces without markers: [`matching`] finds patches of one picture in others by least squares, to hundredths of a pixel
+//! [D'Apuzzo 1999 §2.3]. Surfaces under a projector: [`stripes`] decodes Gray code, phase shift and stripe boundary codes.
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Nothing here reads a clock, a file or a random number.
 //!

@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::{ImageView, ImagingError, Pyramid};
 
-/// How far and by how much [`Stabiliser`] looks.
+/// Search range and sampling of [`Stabiliser`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StabiliserSettings {
     /// The largest shift along a row or a column [px].
@@ -27,7 +27,7 @@ impl Default for StabiliserSettings {
     }
 }
 
-/// A translation that most of what has texture has made.
+/// The translation of the dominant textured object between two pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shift {
     /// From the first picture to the second [px].
@@ -38,7 +38,7 @@ pub struct Shift {
     pub difference_at_rest: f64,
 }
 
-/// Finds dominant translations; holds the memory for that.
+/// Estimates dominant translations between pictures; its buffers are reused.
 #[derive(Debug, Clone)]
 pub struct Stabiliser {
     settings: StabiliserSettings,
@@ -56,6 +56,8 @@ const MIN_STEEPNESS: u16 = 6;
 const CANDIDATES: usize = 4;
 
 impl Stabiliser {
+    /// An estimator with these settings.
+    ///
     /// # Errors
     /// [`ImagingError::Setting`] names the first setting out of its range.
     pub fn new(settings: StabiliserSettings) -> Result<Self, ImagingError> {

@@ -1,16 +1,16 @@
-//! Checks of derivatives and camera models, and a texture that is known at every place, for the tests of any room: they know no type of ours, so that the lowest
-//! rooms can use them.
+//! Checks of derivatives and camera models, and a texture with known values everywhere, for the tests of any room:
+//! they use no type of ours, so that the lowest rooms can use them.
 
 pub mod texture;
 
 use nalgebra::{DMatrix, DVector, Point2, Point3, Vector3};
 
-/// Checks a camera model on a grid over an image of `image_size` pixels: a pixel's ray starts at `centre`, points along it project
-/// back to the pixel within 1e-6 px, and points behind the camera are not seen. `ray` gives origin and direction [m] of a pixel,
-/// `project` the pixel of a point [m].
+/// Checks a camera model on a grid over an image of `image_size` pixels: a pixel's ray starts at `centre`, points
+/// along it project back to the pixel within 1e-6 px, and points behind the camera are not visible. `ray` gives origin
+/// and direction [m] of a pixel, `project` the pixel of a point [m].
 ///
 /// # Panics
-/// When the law does not hold.
+/// When a check fails.
 #[track_caller]
 pub fn check_camera_model(
     image_size: [u32; 2],

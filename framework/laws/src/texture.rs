@@ -1,10 +1,10 @@
-//! A gray surface that is known at every place, not at pixels only: what rendered tests and benches match on.
+//! A gray surface with a known value everywhere, not only at pixels: input of rendered tests and benches.
 //!
-//! Disks of all sizes with edges as sharp as a good lens and a pixel make them (σ 0.8 px), and fine grain on them: corners and edges as in a photograph.
-//! Both pictures of a pair evaluate the same function at their own places, so that no interpolation stands between them and the truth. [`Knitted`] is wool, as a camera sees it at half a
-//! millimetre a pixel.
+//! Disks of all sizes with edges as sharp as a good lens and a pixel make them (σ 0.8 px), and fine grain on them:
+//! corners and edges as in a photograph. Both pictures of a pair evaluate the same function at their own places, so
+//! that no interpolation affects the truth. [`Knitted`] is wool, as a camera sees it at half a millimetre a pixel.
 
-/// A surface of its own for each number.
+/// A texture; each number gives another one.
 #[derive(Debug, Clone, Copy)]
 pub struct Texture(pub u64);
 
@@ -38,7 +38,8 @@ impl Texture {
         127.5 + 127.5 * (level / 127.5).tanh()
     }
 
-    /// A picture of it: pixel (x, y) shows the place `of(x, y)`. Rounded to whole levels, with noise of so many levels.
+    /// A picture of the texture: pixel (x, y) shows the place `of(x, y)`; rounded to whole levels, with noise of that
+    /// standard deviation [gray level].
     pub fn picture(&self, size: usize, noise: f64, seed: u64, of: impl Fn(f64, f64) -> [f64; 2]) -> Vec<u8> {
         picture(size, noise, seed, |x, y| {
             let [u, v] = of(x, y);
@@ -47,7 +48,7 @@ impl Texture {
     }
 }
 
-/// A picture whose pixel (x, y) has the level `at(x, y)`, rounded to whole levels, with noise of so many levels.
+/// A picture whose pixel (x, y) has the level `at(x, y)`, rounded to whole levels, with noise of that standard deviation [gray level].
 pub fn picture(size: usize, noise: f64, seed: u64, at: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let mut chance = Chance::of([seed, 77, 5, 3]);
     let mut pixels = Vec::with_capacity(size * size);
@@ -60,7 +61,7 @@ pub fn picture(size: usize, noise: f64, seed: u64, at: impl Fn(f64, f64) -> f64)
     pixels
 }
 
-/// Knitted wool: rows of V-shaped stitches that repeat, figures of two tones and flecks of the yarn that do not. One of its own for each number.
+/// Knitted wool: rows of V-shaped stitches that repeat, with figures in two tones and flecks of the yarn that do not. Each number gives another one.
 #[derive(Debug, Clone, Copy)]
 pub struct Knitted(pub u64);
 

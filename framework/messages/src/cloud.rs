@@ -15,9 +15,9 @@ pub struct CloudPoint {
     pub position: Point3<f32>,
     /// Of the position; symmetric [m²].
     pub covariance: Matrix3<f32>,
-    /// Out of the surface, of length 1; zero where its neighbours do not tell it [–].
+    /// Unit normal, out of the surface; zero where its neighbours do not determine it [–].
     pub normal: Vector3<f32>,
-    /// How far it is to be trusted, 0 to 1: the part of its neighbours that lie on the same surface [–].
+    /// Confidence, 0 to 1: the fraction of its neighbours that lie on the same surface [–].
     pub confidence: f32,
     /// The camera's pixel that saw it: column, row [px].
     pub pixel: [u16; 2],
@@ -81,7 +81,7 @@ pub struct PointCloud {
     pub time: Time,
     /// The camera whose pixels they are of.
     pub camera: CameraId,
-    /// What the set of pictures is called that they come from.
+    /// Name of the set of pictures that they come from.
     pub name: String,
     /// Columns and rows of that camera [px].
     pub camera_size: [u32; 2],

@@ -1,4 +1,4 @@
-//! What goes to a pan-tilt head and what comes back.
+//! Commands to pan-tilt heads, and their reports.
 //!
 //! Angles are those of the calibrated axes [rad], 0 where the camera is *at rest*; the node that drives the head turns them into the
 //! device's numbers and back.
@@ -45,10 +45,10 @@ impl Message for HeadCommand {
     const WIRE: Wire = portable!(HeadCommand);
 }
 
-/// How things are with a head.
+/// The state of the link to a head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub enum HeadLink {
-    /// Not reached (yet, or any more): it is tried again.
+    /// Not reached (yet, or any more): the driver keeps trying.
     #[default]
     Away,
     /// It answers.
@@ -83,16 +83,16 @@ pub enum HeadEvent {
 
 /// What happened between a head and what drives it in the last second.
 ///
-/// Reports overlap, so that whoever samples them loses nothing: [`HeadReport::since`] leaves out what was heard before.
+/// Reports overlap, so that a consumer that samples them loses nothing: [`HeadReport::since`] leaves out what it got before.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct HeadReport {
     /// The camera that the head carries.
     pub camera: CameraId,
-    /// How things are now.
+    /// The state of the link now.
     pub link: HeadLink,
     /// Number of the first of `events`: all events of a head are numbered from 0.
     pub first: u64,
-    /// The events and when they were learnt, oldest first.
+    /// The events, each with the time at which the driver learnt of it, oldest first.
     pub events: Vec<(Time, HeadEvent)>,
 }
 
@@ -115,7 +115,7 @@ impl Message for HeadReport {
     }
 }
 
-/// Where a camera on a head stood at one moment, as far as that can be told.
+/// The estimated pose of a camera on a head at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeadPose {
     /// The camera.

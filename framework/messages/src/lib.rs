@@ -5,23 +5,23 @@
 //! | [`Image`] | one picture of one camera, or a part of one | pixels of that camera |
 //! | [`Features`] | the 2D points found in one picture | pixels of that camera |
 //! | [`Targets`] | the 3D points recovered at one scale | metres in that scale's space |
-//! | [`Pointers`] | what pointers on a wall do, and what has just happened to them | metres in that scale's space, of which the wall is z = 0 |
-//! | [`Users`] | whose targets are, where something tells users apart | – |
+//! | [`Pointers`] | the pointers on a wall and their events | metres in that scale's space; the wall is z = 0 |
+//! | [`Users`] | the user of each target, where something identifies users | – |
 //! | [`SubRegion`] | the moving volume that the next scale looks into | metres in the parent scale's space, which its scale's nodes know |
 //! | [`ScaleSpace`] | where the space of an anchored scale is | metres in the parent of the scale that it names |
 //! | [`Assignment`] | which head follows which target | – |
 //! | [`CameraChoice`] | which fixed cameras are worth processing | – |
 //! | [`HeadCommand`] | what a pan-tilt head should do | angles of its axes |
-//! | [`HeadReport`] | what it was told and what it said | angles of its axes |
+//! | [`HeadReport`] | commands sent to a head and its answers | angles of its axes |
 //! | [`HeadPose`] | where its camera stood at one moment | – |
 //! | [`Marks`] | painted marks of one surface at one time | metres in a space of their own, whose place in the outermost scale they say |
 //! | [`MarkGuide`] | where each camera should see each mark | pixels, camera by camera |
 //! | [`PatternPictures`] | the pictures of one set of projected patterns | pixels of that camera |
-//! | [`PatternShown`] | what a projector was told to show, and when | – |
+//! | [`PatternShown`] | what a projector was commanded to show, and when | – |
 //! | [`ProjectorMap`] | where in the projector each pixel is lit from | pixels of that camera, and of the projector |
 //! | [`PointCloud`] | points of surfaces, each with covariance and normal | metres in the outermost scale |
 //! | [`ScaleCloud`] | the same where it lies still, on a target that moves | metres in that scale's space |
-//! | [`Views`] | what a display shows to somebody who moves, for each eye and tile | metres in that scale's space |
+//! | [`Views`] | what a display shows to a moving viewer, for each eye and tile | metres in that scale's space |
 //! | [`Mesh`] | a surface joined from clouds, as triangles | metres in that scale's space |
 //! | [`TrackedSurface`] | points of a surface, each followed over time | metres in the outermost scale |
 //! | [`Silhouette`] | which pixels of a picture show a body, and how surely | pixels of that camera |
@@ -80,12 +80,12 @@ pub trait Message: Any + Send + Sync {
     const NAME: &'static str;
     /// Raised when the meaning or the layout of the fields changes.
     const VERSION: u32 = 1;
-    /// Whose coordinates the payload is in; edges that would mix them are refused before a run.
+    /// The space of the payload's coordinates; edges that would mix spaces are refused before a run.
     const SPACE: Space;
     /// Whether and how it is recorded and sent.
     const WIRE: Wire;
 
-    /// What the payload can state about itself, for the ledger.
+    /// Count and standard deviation of the payload, for the ledger.
     fn quality(&self) -> Quality {
         Quality::default()
     }
@@ -99,11 +99,11 @@ pub trait Message: Any + Send + Sync {
     fn set_bulk(&mut self, _bytes: Vec<u8>) {}
 }
 
-/// Whose coordinates a message is in, how many there are of a point, and their unit. Open: a plugin adds spaces of its own, such as pixels of a
+/// The space of a message's coordinates, the number of coordinates of a point, and their unit. Open: a plugin adds spaces of its own, such as pixels of a
 /// projector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Space {
-    /// Whose they are.
+    /// Owner of the space.
     pub owner: SpaceOwner,
     /// Coordinates of a point; 0 without any.
     pub dimension: u8,
@@ -111,10 +111,10 @@ pub struct Space {
     pub unit: &'static str,
 }
 
-/// Whose coordinates a message is in: what two ends of an edge must have in common.
+/// Owner of a coordinate space: both ends of an edge must have the same one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpaceOwner {
-    /// Nobody's: it holds no coordinates.
+    /// None: it holds no coordinates.
     Nobody,
     /// One camera's, or the head's that carries it: stays with nodes of that camera.
     Camera,
@@ -166,7 +166,7 @@ impl Space {
     }
 }
 
-/// What a payload states about itself, for the ledger.
+/// Count and standard deviation of a payload, for the ledger.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Quality {
     /// How many things it holds (features, targets).

@@ -21,7 +21,7 @@ pub struct Mark {
     pub covariance: Matrix3<f64>,
     /// The cameras whose features entered; empty unless `provenance` is measured.
     pub cameras: CameraSet,
-    /// How this sample came to be.
+    /// Whether this sample was measured, predicted or filled.
     pub provenance: Provenance,
 }
 
@@ -44,7 +44,7 @@ pub struct ShapeFit {
 }
 
 /// The marks of one surface at one time, in a space of their own whose place in the world is known exactly as far as the two go together:
-/// what is uncertain about the whole stands in `covariance`, what is uncertain about each mark beside it.
+/// `covariance` is the uncertainty of the whole; each mark has its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Marks {
     /// The time that all samples are of.
@@ -58,7 +58,7 @@ pub struct Marks {
     pub covariance: Matrix6<f64>,
     /// Ascending by label.
     pub list: Vec<Mark>,
-    /// What a model of shape says of the whole; `None` where none was fitted.
+    /// How well a model of shape fits; `None` where none was fitted.
     pub fit: Option<ShapeFit>,
 }
 
@@ -111,14 +111,14 @@ pub struct GuidedMark {
     /// Of that [px²].
     #[schemars(with = "Numbers<4>")]
     pub covariance: Matrix2<f64>,
-    /// What this camera reported under the label does not agree with the other cameras: it follows something else.
+    /// This camera's reports under the label disagree with the other cameras: it tracks something else.
     pub disputed: bool,
 }
 
-/// What all cameras together know of where each should see each mark: by it, trackers give names to marks that they find (again).
+/// Where each camera should see each mark, predicted from all cameras: trackers use it to label the marks that they find.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct MarkGuide {
-    /// The pictures that it is about: those taken at this time.
+    /// Capture time of the pictures that it is for.
     pub time: Time,
     /// Ascending by camera, its marks ascending by label.
     pub cameras: Vec<(CameraId, Vec<GuidedMark>)>,

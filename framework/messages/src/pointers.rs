@@ -1,4 +1,4 @@
-//! What pointers on a wall do: where each is, and what has just happened.
+//! Pointers on a wall: where each is, and its latest events.
 
 use nalgebra::{Point2, Vector2};
 use schemars::JsonSchema;
@@ -11,9 +11,9 @@ use crate::{Exchange, Interval, Message, Quality, Space, SpaceOwner, TargetId, T
 /// One pointer at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pointer {
-    /// Which: the identity of its target.
+    /// The identity of its target.
     pub id: TargetId,
-    /// Whose it is, by the number that settings gave the user; `None` where that is not known, or not yet.
+    /// Its user, by the number in the settings; `None` where unknown (yet).
     pub user: Option<u32>,
     /// On the wall, without jitter, at [`Pointers::time`] [m].
     #[schemars(with = "Numbers<2>")]
@@ -30,7 +30,7 @@ pub struct Pointer {
     pub is_pressed: bool,
     /// It rests: since its last [`PointerChange::Hover`] it has stayed where it was.
     pub is_resting: bool,
-    /// It was seen at this very time; otherwise it is expected back and carried on.
+    /// It was seen at this very time; otherwise its position is extrapolated.
     pub is_seen: bool,
 }
 
@@ -99,13 +99,13 @@ pub struct StrokePoint {
 pub struct PointerEvent {
     /// Which pointer.
     pub id: TargetId,
-    /// Whose it is, as known when this event was given out.
+    /// Its user, as known when this event was emitted.
     pub user: Option<u32>,
     /// What.
     pub what: PointerChange,
     /// When it was seen: a press is of the moment at which the pointer came, a release of that at which it was seen last.
     pub time: Time,
-    /// From `time` until this event was given out: cameras, tracking, and what it takes to be sure.
+    /// Delay from `time` until this event was emitted: cameras, tracking, and the time to be sure.
     pub latency: Interval,
     /// Where, on the wall [m].
     #[schemars(with = "Numbers<2>")]
@@ -123,7 +123,7 @@ pub struct Pointers {
     pub shown_at: Time,
     /// The pointers.
     pub list: Vec<Pointer>,
-    /// Identities that were exchanged: what one had done since then was the other's doing.
+    /// Identities that were exchanged: events of one since then belong to the other.
     pub exchanged: Vec<Exchange>,
     /// What happened, in order.
     pub events: Vec<PointerEvent>,

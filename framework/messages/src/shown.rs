@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::wire::portable;
 use crate::{CameraId, Interval, Message, Quality, Space, Time, Wire};
 
-/// One picture that a projector was told to show.
+/// One picture that a projector was commanded to show.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct PatternShown {
     /// The projector, which stands in the calibration like a camera.
@@ -19,9 +19,9 @@ pub struct PatternShown {
     pub count: u32,
     /// What it shows, for people.
     pub name: String,
-    /// When it was told to; the light comes later by the projector's latency.
+    /// When it was commanded; the light comes later by the projector's latency.
     pub from: Time,
-    /// For so long it is shown.
+    /// How long it is shown.
     pub lasts: Interval,
     /// The text of a `patterns.toml` that says which code the set carries.
     pub manifest: String,

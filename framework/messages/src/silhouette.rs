@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::wire::portable;
 use crate::{CameraId, Message, Quality, Space, Window, Wire};
 
-/// What can be said of a whole silhouette.
+/// The state of a whole silhouette.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SilhouetteStatus {
@@ -15,16 +15,16 @@ pub enum SilhouetteStatus {
     Seen,
     /// None of it is.
     Empty,
-    /// So much of it is that it cannot be the body alone: the background was not right, such as when a lamp went on. To be left out.
+    /// Too much of it is marked as body: the background model was wrong, such as when a lamp went on. To be left out.
     Full,
     /// The background is still being learnt: the pixels say nothing.
     Learning,
-    /// Nearly all edges of the background lie elsewhere: the camera was moved. To be left out.
+    /// Nearly all edges of the background are displaced: the camera was moved. To be left out.
     Moved,
 }
 
 impl SilhouetteStatus {
-    /// Whether its pixels are to be believed.
+    /// Whether its pixels can be used.
     pub fn is_usable(self) -> bool {
         matches!(self, SilhouetteStatus::Seen | SilhouetteStatus::Empty)
     }
@@ -41,7 +41,7 @@ pub struct Silhouette {
     pub height: u32,
     /// Which part of the camera's picture it is of.
     pub window: Window,
-    /// What can be said of the whole.
+    /// The state of the whole silhouette.
     pub status: SilhouetteStatus,
     /// Pixels of at least [`Silhouette::BODY`] [px].
     pub n_body: u32,

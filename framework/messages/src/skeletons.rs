@@ -69,7 +69,7 @@ impl SkeletonPart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LimbDetail {
-    /// Nothing: it is not told from the trunk, or not there.
+    /// Nothing: it is not distinguished from the trunk, or not there.
     Absent,
     /// One straight piece.
     Straight,
@@ -138,7 +138,7 @@ impl Skeleton {
     }
 }
 
-/// Voxels that are nobody's.
+/// Voxels that belong to no body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Unmodelled {
     /// Mean of their centres, in the space of the producer's scale [m].
@@ -159,7 +159,7 @@ pub struct Skeletons {
     pub time: Time,
     /// Ascending by identity.
     pub list: Vec<Skeleton>,
-    /// What was large enough for a body and is none, so far.
+    /// Groups of voxels large enough for a body that are not one so far.
     pub unmodelled: Vec<Unmodelled>,
 }
 

@@ -11,13 +11,13 @@ use crate::{CameraId, Message, Quality, Space, Wire};
 pub struct PatternPictures {
     /// The camera that saw them.
     pub camera: CameraId,
-    /// What the set is called, such as its folder.
+    /// Name of the set, such as its folder.
     pub name: String,
     /// Columns [px].
     pub width: u32,
     /// Rows [px].
     pub height: u32,
-    /// What each picture is called, in the order of the set.
+    /// Name of each picture, in the order of the set.
     pub names: Vec<String>,
     /// Places of pictures that could not be read, ascending; their pixels are 0.
     #[serde(default)]
@@ -55,7 +55,7 @@ impl Message for PatternPictures {
     }
 }
 
-/// What one camera pixel knows of the projector.
+/// The projector coordinates of one camera pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProjectorSample {
     /// Projector column and row; (0, 0) is the centre of its top-left pixel; NaN where one is not known [px].
@@ -75,7 +75,7 @@ impl ProjectorSample {
 pub struct ProjectorMap {
     /// The camera.
     pub camera: CameraId,
-    /// What the set of patterns is called.
+    /// Name of the set of patterns.
     pub name: String,
     /// Columns and rows of the projector [px].
     pub projector_size: [u32; 2],
@@ -83,7 +83,7 @@ pub struct ProjectorMap {
     pub width: u32,
     /// Rows of the camera [px].
     pub height: u32,
-    /// Pixels of which anything is known.
+    /// Pixels with at least one known coordinate.
     pub n_known: u32,
     /// Sixteen bytes a pixel, row by row: see [`ProjectorMap::get`].
     #[serde(skip)]
@@ -98,7 +98,7 @@ impl ProjectorMap {
         self.samples.extend([u, v, a, b].iter().flat_map(|it| it.to_le_bytes()));
     }
 
-    /// What the pixel in column `x` of row `y` knows; nothing outside the picture.
+    /// Projector coordinates of the pixel in column `x` of row `y`; none outside the picture.
     pub fn get(&self, x: usize, y: usize) -> ProjectorSample {
         let (width, height) = (self.width as usize, self.height as usize);
         if x >= width || y >= height {

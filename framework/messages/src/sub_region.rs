@@ -14,20 +14,20 @@ use crate::{CameraId, Interval, Message, Provenance, Quality, Space, TargetId, T
 pub struct SubRegion {
     /// The time that position and velocity are of.
     pub time: Time,
-    /// The target in the middle.
+    /// The target at the centre.
     pub target: TargetId,
-    /// The middle [m].
+    /// Centre of the ball [m].
     #[schemars(with = "Numbers<3>")]
     pub centre: Point3<f64>,
-    /// How it moves [m/s].
+    /// Velocity of the centre [m/s].
     #[schemars(with = "Numbers<3>")]
     pub velocity: Vector3<f64>,
     /// Of (centre, velocity) [m², m²/s, m²/s²].
     #[schemars(with = "Numbers<36>")]
     pub covariance: Matrix6<f64>,
-    /// Of the ball [m].
+    /// Radius of the ball [m].
     pub radius: f64,
-    /// How the middle came to be.
+    /// Whether the middle was measured, predicted or filled.
     pub provenance: Provenance,
 }
 
@@ -56,12 +56,12 @@ pub struct ScaleId(pub u32);
 /// The space of a scale that is anchored to a target, at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ScaleSpace {
-    /// Whose space it is.
+    /// The scale whose space it is.
     pub scale: ScaleId,
     /// The time that the pose is of.
     pub time: Time,
-    /// The target that carries the scale; `None` while it is lost: the scale is suspended, and what follows is the last that was known
-    /// (the parent's own space where nothing ever was).
+    /// The target that carries the scale; `None` while it is lost: the scale is suspended, and the pose below is the last that was known
+    /// (the parent's own space where none ever was).
     pub target: Option<TargetId>,
     /// Takes points of the scale's space to the parent's.
     #[serde(with = "Pose")]

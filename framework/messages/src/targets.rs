@@ -12,13 +12,13 @@ use crate::{CameraSet, Interval, Message, Quality, Space, Time, Wire};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct TargetId(pub u32);
 
-/// How a sample came to be.
+/// Whether a sample was measured, predicted or filled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub enum Provenance {
     /// From observations at this very time.
     #[default]
     Measured,
-    /// Carried on from earlier observations by a motion model.
+    /// Extrapolated from earlier observations by a motion model.
     Predicted,
     /// Supplied by a model of shape, without an observation of its own.
     Filled,
@@ -38,7 +38,7 @@ impl Provenance {
 /// One target at one time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Target {
-    /// Who.
+    /// Its identity.
     pub id: TargetId,
     /// In the scale's space [m].
     #[schemars(with = "Numbers<3>")]
@@ -51,7 +51,7 @@ pub struct Target {
     pub covariance: Matrix6<f64>,
     /// The cameras whose observations entered at this time; empty unless `provenance` is measured.
     pub cameras: CameraSet,
-    /// How this sample came to be.
+    /// Whether this sample was measured, predicted or filled.
     pub provenance: Provenance,
 }
 

@@ -1,4 +1,4 @@
-//! Points of a surface that are followed without markers.
+//! Points of a surface that are tracked without markers.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use schemars::JsonSchema;
@@ -30,7 +30,7 @@ pub struct TrackedPoint {
     pub normal: Vector3<f64>,
     /// The cameras that saw it.
     pub cameras: CameraSet,
-    /// How this sample came to be.
+    /// Whether this sample was measured, predicted or filled.
     pub provenance: Provenance,
     /// Samples of its trajectory up to this one, at least 1.
     pub n_samples: u32,
@@ -47,13 +47,13 @@ pub enum TrajectoryEnd {
     TooFast,
     /// Accelerated more than anything there can be.
     TooAbrupt,
-    /// Moved otherwise than what lies around it: that step is false, and left out.
+    /// Moved differently from its neighbours: that step is false, and left out.
     NotUniform,
     /// Another point came to lie on it.
     Merged,
     /// Its neighbours lie on another surface, or another point took its place on the grid.
     Alone,
-    /// Step by step it moved as its neighbours did, and over its whole path otherwise: dragged by a shadow's edge, or held up by a mirrored lamp.
+    /// Each step agreed with its neighbours, but its whole path did not: dragged by a shadow's edge, or held back by a reflected lamp.
     Crept,
 }
 

@@ -1,4 +1,4 @@
-//! Whose targets are, where something tells users apart.
+//! The user of each target, where something identifies users.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,37 +6,37 @@ use serde::{Deserialize, Serialize};
 use crate::wire::portable;
 use crate::{Message, Quality, Space, TargetId, Time, Wire};
 
-/// Whose a target is.
+/// The user of one target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct TargetUser {
     /// The target.
     pub id: TargetId,
-    /// The number that settings gave the user.
+    /// The user's number in the settings.
     pub user: u32,
 }
 
-/// Two targets that had been taken for each other: from this message on each identity is again where it belongs.
+/// Two targets whose identities were exchanged: from this message on each identity is at its own target again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Exchange {
     /// The two.
     pub ids: [TargetId; 2],
-    /// What was given out of one after this time belongs to the other.
+    /// Samples of one after this time belong to the other.
     pub since: Time,
 }
 
-/// Whose the targets of one message are; comes before that message.
+/// The users of the targets of one message; comes before that message.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Users {
     /// The time of the targets.
     pub time: Time,
-    /// Targets whose user is known, ascending by identity; those that are not here have none yet.
+    /// Targets whose user is known, ascending by identity.
     pub list: Vec<TargetUser>,
     /// Which identities were exchanged since the message before, in order.
     pub exchanged: Vec<Exchange>,
 }
 
 impl Users {
-    /// Whose `id` is, if that is known.
+    /// The user of `id`, if known.
     pub fn of(&self, id: TargetId) -> Option<u32> {
         self.list.iter().find(|it| it.id == id).map(|it| it.user)
     }

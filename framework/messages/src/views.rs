@@ -1,4 +1,4 @@
-//! What a display shows to somebody who moves: a view for each eye on each tile.
+//! What a display shows to a moving viewer: a view for each eye on each tile.
 
 use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;

@@ -90,7 +90,7 @@ pub struct VoxelView {
     pub outside: f64,
 }
 
-/// Voxels that hang together.
+/// Connected voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VoxelComponent {
     /// How many there are.
@@ -136,9 +136,9 @@ pub struct Voxels {
     pub world_from_scale: Isometry3<f64>,
     /// What each camera contributed, ascending by camera.
     pub views: Vec<VoxelView>,
-    /// Voxels that hang together, the largest first.
+    /// Connected voxels, the largest first.
     pub components: Vec<VoxelComponent>,
-    /// Where silhouettes contradict each other: body that they ask for and that is no voxel, in blocks of a decimetre or so, ascending by z, y, x. None where they fit each other.
+    /// Where silhouettes contradict each other: body pixels without a voxel behind them, in blocks of a decimetre or so, ascending by z, y, x. None where they are consistent.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub contested: Vec<Contested>,
     /// [`Voxel::BYTES`] bytes a voxel, ascending by z, then y, then x.

@@ -1,4 +1,4 @@
-//! How messages are written and read by who does not know their types: recordings, links, plugins.
+//! How messages are written and read without knowing their types: by recordings, links, plugins.
 
 use std::any::Any;
 

@@ -1,7 +1,8 @@
 //! How far apart two motions are, point by point.
 //!
-//! In this order: points are paired, B is brought to A's axes, the times are shifted, B is laid onto A in space; then the distance of each pair is taken at the frames of the motion
-//! of the lower rate, where the other is interpolated between neighbouring frames. What is missing in either at a time is counted, and not compared.
+//! In this order: points are paired, B is brought to A's axes, the times are shifted, B is aligned to A in space; then
+//! the distance of each pair is taken at the frames of the motion
+//! of the lower rate, where the other is interpolated between neighbouring frames. Samples missing in either are counted, and not compared.
 
 mod pairs;
 mod shift;
@@ -15,65 +16,65 @@ use nalgebra::{Isometry3, Point3};
 use crate::motion::{Motion, Up};
 use pairs::{by_names, by_places};
 
-/// What says which point of one file is which of the other.
+/// How points of the two files are paired.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pairing {
-    /// Equal names, whatever stands before a `:`, and whatever their capitals, blanks and signs.
+    /// By name, ignoring anything before a `:`, case, blanks and signs.
     Names,
-    /// The assignment of least mean distance over the common time.
+    /// By the assignment of least mean distance over the common time.
     Nearest,
 }
 
-/// What may be done before distances are taken.
+/// Options of [`compare`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CompareOptions {
-    /// How points are paired; `None`: by names, or by places where no name is in both.
+    /// Pairing of the points; `None`: by names, or by distance where no name is in both.
     pub pairing: Option<Pairing>,
-    /// Whether B is laid onto A by the rigid transform that fits best.
+    /// Whether to align B to A by the best rigid transform.
     pub align: bool,
-    /// The largest shift in time that is looked for; 0: none [s].
+    /// Largest shift in time to search; 0: none [s].
     pub most_shift_s: f64,
 }
 
-/// Distances of one pair, or of all of them.
+/// Distances of one pair of points, or of all pairs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Distances {
-    /// In A.
+    /// Name in A.
     pub name_a: String,
-    /// In B.
+    /// Name in B.
     pub name_b: String,
-    /// Frames in which both are there.
+    /// Number of frames with both points.
     pub n: usize,
-    /// Frames in which only A is there, and only B.
+    /// Number of frames with only A's point, and only B's.
     pub n_only: [usize; 2],
-    /// [m]; NaN where there is no frame.
+    /// Median distance [m]; NaN without a frame.
     pub median: f64,
-    /// [m]
+    /// 95th percentile of the distances [m].
     pub p95: f64,
-    /// [m]
+    /// Largest distance [m].
     pub max: f64,
 }
 
-/// What [`compare`] found.
+/// The result of [`compare`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// How points were paired.
+    /// How the points were paired.
     pub pairing: Pairing,
-    /// In the order of A.
+    /// Distances of each pair, in the order of A.
     pub points: Vec<Distances>,
-    /// All pairs together.
+    /// Distances of all pairs together.
     pub all: Distances,
-    /// Points without a partner, in A and in B.
+    /// Names of unpaired points, in A and in B.
     pub only: [Vec<String>; 2],
-    /// Frames in which any pair is there in both.
+    /// Number of frames with at least one pair.
     pub n_frames: usize,
-    /// Frames of the common time.
+    /// Number of frames in the common time.
     pub n_common: usize,
-    /// What is added to B's times [s].
+    /// Shift added to B's times [s].
     pub shift_s: f64,
-    /// Takes places of B to A, where it was asked for.
+    /// Transform from B to A, where alignment was requested.
     pub a_from_b: Option<Isometry3<f64>>,
-    /// What a reader should know, in words.
+    /// Remarks for the user.
     pub remarks: Vec<String>,
 }
 
@@ -82,10 +83,10 @@ const NEIGHBOURS_S: f64 = 0.05;
 /// Places that a transform in space is fitted to, at most.
 const MOST_FITTED: usize = 20_000;
 
-/// Holds B against A.
+/// Compares two motions, B with A.
 ///
 /// # Errors
-/// A sentence: no points or times in common, or what they have fixes no transform.
+/// A sentence: no points or times in common, or too few for a transform.
 pub fn compare(a: &Motion, b: &Motion, options: &CompareOptions) -> Result<Comparison, String> {
     for (name, motion) in [("A", a), ("B", b)] {
         if motion.n_present() == 0 {
@@ -150,15 +151,14 @@ pub fn compare(a: &Motion, b: &Motion, options: &CompareOptions) -> Result<Compa
             }
         }
         if shift_s.abs() > 0.98 * options.most_shift_s {
-            remarks
-                .push(format!("the shift of {shift_s:.3} s is as large as was allowed; a larger one may fit better"));
+            remarks.push(format!("the shift of {shift_s:.3} s is the largest allowed; a larger one may fit better"));
         }
     }
     let moved = a_from_b.unwrap_or_default();
     let mut comparison = measure(a, &b, &pairs, &moved);
     if comparison.n_common == 0 {
         return Err(format!(
-            "found no common time: A lasts from {:.3} to {:.3} s, B from {:.3} to {:.3} s; expected an overlap, or a shift that is looked for",
+            "found no common time: A lasts from {:.3} to {:.3} s, B from {:.3} to {:.3} s; expected an overlap, or a search for a shift (--shift)",
             a.start_s(),
             a.times_s.last().copied().unwrap_or(0.0),
             b.start_s(),
@@ -186,12 +186,12 @@ fn clocks(a: &Motion, b: &Motion) -> Option<String> {
     match (a.lacks_start, b.lacks_start) {
         (true, true) => None,
         (false, false) if a.n_frames() > 1 && a.n_frames() == b.n_frames() && a.rate_hz == b.rate_hz => Some(format!(
-            "{starts}, and both have {} frames at one rate: where one of them lost when it began, a shift in time brings them together",
+            "{starts}, and both have {} frames at one rate: where one of them lost when it began, a shift in time aligns them",
             a.n_frames()
         )),
         (false, false) => None,
         (is_a, _) => Some(format!(
-            "{starts}, but {} does not say when it begins: they share no clock, and a shift in time is to be looked for",
+            "{starts}, but {} does not say when it begins: they share no clock; search for a shift in time (--shift)",
             if is_a { "A" } else { "B" }
         )),
     }
@@ -232,7 +232,7 @@ fn same_up(
     Ok(pairs)
 }
 
-/// The times at which two motions are held against each other, and whether they are A's.
+/// The times at which two motions are compared, and whether they are A's.
 fn common_times(a: &Motion, b: &Motion) -> (Vec<f64>, bool) {
     let rate = |it: &Motion| it.usual_rate_hz().unwrap_or(f64::INFINITY);
     let (slow, fast, is_of_a) = if rate(a) <= rate(b) { (a, b, true) } else { (b, a, false) };
@@ -265,7 +265,7 @@ fn lay_onto(a: &Motion, b: &Motion, pairs: &[[usize; 2]]) -> Result<Isometry3<f6
         }
     }
     let solver_options = AlignmentOptions { scale: false, robust: true };
-    let found = align(&in_b, &in_a, solver_options).map_err(|it| format!("B cannot be laid onto A: {it}"))?;
+    let found = align(&in_b, &in_a, solver_options).map_err(|it| format!("B cannot be aligned to A: {it}"))?;
     Ok(found.b_from_a.isometry)
 }
 

@@ -1,12 +1,14 @@
-//! Numbers as fields of CSV files, the same bytes for the same values.
+//! Numbers as CSV fields, the same bytes for the same values; what is not finite is an empty field.
 
 use std::fmt::Write;
+
+use foveate_diagnostics::fields::number;
 
 /// Writes `value` with `decimals` places and never as `-0`.
 pub fn fixed(text: &mut String, value: f64, decimals: usize) {
     let start = text.len();
     // Writing to a string does not fail.
-    write!(text, "{value:.decimals$}").ok();
+    write!(text, "{}", number(value, decimals)).ok();
     let is_zero = text[start..].bytes().all(|it| matches!(it, b'-' | b'0' | b'.'));
     if is_zero && text[start..].starts_with('-') {
         text.remove(start);
@@ -15,6 +17,9 @@ pub fn fixed(text: &mut String, value: f64, decimals: usize) {
 
 /// Writes `value` as `1.500000e-05`: six decimals, at least two digits of exponent.
 pub fn scientific(text: &mut String, value: f64) {
+    if !value.is_finite() {
+        return;
+    }
     let plain = format!("{:.6e}", if value == 0.0 { 0.0 } else { value });
     match plain.split_once('e') {
         Some((mantissa, exponent)) => {
@@ -42,6 +47,6 @@ mod tests {
         assert_eq!(form(-0.0), both("0.000", "0.000000e+00"));
         assert_eq!(form(12_345.678_9), both("12345.679", "1.234568e+04"));
         assert_eq!(form(-1e-120), both("0.000", "-1.000000e-120"));
-        assert_eq!(form(f64::NAN), both("NaN", "NaN"));
+        assert_eq!([f64::NAN, -f64::INFINITY].map(form), [both("", ""), both("", "")]);
     }
 }

@@ -1,31 +1,33 @@
 //! Fills short gaps in the paths of points.
 //!
-//! A gap is crossed by the cubic that meets the samples at its ends with the velocities that the path has there (Hermite). A velocity is the derivative, at the
-//! last sample before the gap (first behind it), of the parabola of least squares through up to [`RUN`] samples there, or of the line through fewer than three; next to
-//! a single sample it is that of the straight line across. What is filled says so: its `provenance` is filled, and it has no covariance.
+//! A gap is filled with the cubic that meets the samples at its ends with the velocities that the path has there
+//! (Hermite). A velocity is the derivative, at the
+//! last sample before the gap (or the first after it), of the least-squares parabola through up to [`RUN`] samples
+//! there, or of the line through fewer than three; next to
+//! a single sample it is that of the straight line across. Filled samples are marked: their `provenance` is filled, and they have no covariance.
 
 use foveate_messages::Provenance;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::motion::{Motion, Sample};
 
-/// Samples beside a gap that tell its path: a tenth of a second at 50 Hz, over which people move as a parabola does to a millimetre.
+/// Samples beside a gap that determine its path: a tenth of a second at 50 Hz, over which people move along a parabola to a millimetre.
 pub const RUN: usize = 5;
 
-/// What [`fill`] did.
+/// What [`fill`] did, for reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Filled {
-    /// Gaps that were filled.
+    /// Number of gaps filled.
     pub n_gaps: usize,
-    /// Samples that they have.
+    /// Number of samples filled.
     pub n_samples: usize,
-    /// Gaps that were too long.
+    /// Number of gaps left because they are too long.
     pub n_too_long: usize,
-    /// Samples missing before a point is first there, and after it last is: these are no gaps.
+    /// Samples missing before the first and after the last of a point: these are not gaps.
     pub n_outside: usize,
 }
 
-/// Fills the gaps whose ends are at most `longest_s` apart, of every point.
+/// Fills the gaps of every point whose ends are at most `longest_s` apart [s].
 pub fn fill(motion: &mut Motion, longest_s: f64) -> Filled {
     let mut filled = Filled::default();
     let n_points = motion.labels.len();

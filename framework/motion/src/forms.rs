@@ -1,4 +1,4 @@
-//! Files of motion of any form, by their content, into [`Motion`]s and out of them.
+//! Reads motion files of any format, recognised by content, into [`Motion`]s, and writes them.
 
 mod bvh;
 mod c3d;
@@ -13,26 +13,26 @@ use crate::motion::{Motion, Up};
 
 pub use units::unit_length;
 
-/// What a file is.
+/// Format of a motion file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// C3D.
+    /// C3D points.
     C3d,
-    /// TRC.
+    /// TRC points.
     Trc,
-    /// A skeleton that moves.
+    /// BVH skeleton.
     Bvh,
-    /// Our own table of targets or marks.
+    /// Our own CSV table of targets or marks.
     Table,
-    /// Arrays for NumPy, as `export.npy` writes them.
+    /// NumPy archive, as `export.npy` writes it.
     Npz,
 }
 
 impl Form {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Form; 5] = [Form::C3d, Form::Trc, Form::Bvh, Form::Table, Form::Npz];
 
-    /// The ending of such files, which is also what they are called.
+    /// File extension and name of the format.
     pub const fn name(self) -> &'static str {
         match self {
             Form::C3d => "c3d",
@@ -43,7 +43,7 @@ impl Form {
         }
     }
 
-    /// By what a file begins with; `None`: none of these.
+    /// Format of a file by its first bytes; `None`: none of these.
     pub fn of(bytes: &[u8]) -> Option<Form> {
         if bytes.starts_with(b"PK\x03\x04") {
             return Some(Form::Npz);
@@ -66,7 +66,7 @@ impl Form {
         }
     }
 
-    /// By the ending of a file's name.
+    /// Format of a file by its extension.
     pub fn of_ending(ending: &str) -> Option<Form> {
         Form::ALL.into_iter().find(|it| it.name().eq_ignore_ascii_case(ending))
     }
@@ -91,25 +91,25 @@ fn is_c3d(bytes: &[u8]) -> bool {
     block >= 1 && (block < b' ' || processor.is_some_and(|it| (84..=86).contains(it)))
 }
 
-/// What a file does not say itself.
+/// What a file may not say itself.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ReadOptions {
-    /// How long a unit of the file is, whatever it says itself; `None`: as it says [m].
+    /// Length of the file's unit, overriding the file; `None`: as the file says [m].
     pub metres_per_unit: Option<f64>,
-    /// Which axis is up, whatever the file says; `None`: as it says, else z in C3D and our own files, y in TRC and BVH.
+    /// Axis that is up, overriding the file; `None`: as the file says, else z in C3D and our own files, y in TRC and BVH.
     pub up: Option<Up>,
 }
 
-/// How a file is to be written, where its form leaves a choice.
+/// Choices of a format when writing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WriteOptions<'a> {
-    /// The unit of lengths in C3D and TRC; `None`: the motion's own, else millimetres.
+    /// Unit of lengths in C3D and TRC; `None`: the motion's own, else millimetres.
     pub unit: Option<&'a str>,
-    /// Which axis is up in TRC, which does not say it; `None`: y, as its readers take it.
+    /// Axis that is up in TRC, which does not state it; `None`: y, as its readers assume.
     pub up: Option<Up>,
 }
 
-/// What is wrong with a file: the byte or the line, what is there and what should be.
+/// Why a file cannot be read or written: the byte or line, what was found and what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MotionError(pub String);
 
@@ -121,32 +121,32 @@ impl fmt::Display for MotionError {
 
 impl std::error::Error for MotionError {}
 
-/// What a file holds.
+/// A file that was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Read {
-    /// The points.
+    /// The motion.
     pub motion: Motion,
-    /// What the file is.
+    /// Its format.
     pub form: Form,
-    /// What in it contradicts itself or is left open, and how it was taken.
+    /// Contradictions and gaps in the file, and how they were resolved.
     pub remarks: Vec<String>,
 }
 
-/// What was made of a motion.
+/// A file that was made from a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Written {
-    /// The file.
+    /// Content of the file.
     pub bytes: Vec<u8>,
-    /// What of the motion it cannot tell.
+    /// Parts of the motion that the format cannot hold.
     pub lost: Vec<String>,
-    /// What was done to the motion and loses nothing, in words.
+    /// Lossless changes to the motion.
     pub notes: Vec<String>,
 }
 
-/// Reads a file of any form; its content decides.
+/// Reads a file; its format is recognised by content.
 ///
 /// # Errors
-/// The byte or the line, what is there and what should be.
+/// The byte or line, what was found and what was expected.
 pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Read, MotionError> {
     let Some(form) = Form::of(bytes) else {
         if let Some(why) = nearly_table(bytes) {
@@ -161,7 +161,7 @@ pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Read, MotionError> {
     read_as(bytes, form, options)
 }
 
-/// Why a file that looks like a table of targets or marks is none: its separator, or the columns that are missing; `None`: it does not look so.
+/// Why a file that looks like a table of targets or marks is not valid: its separator, or missing columns; `None`: it does not look like one.
 pub fn nearly_table(bytes: &[u8]) -> Option<String> {
     match Form::of(bytes) {
         None => table::nearly(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
@@ -169,7 +169,7 @@ pub fn nearly_table(bytes: &[u8]) -> Option<String> {
     }
 }
 
-/// Reads a file as one of this form. See [`read`].
+/// Reads a file of a given format. See [`read`].
 ///
 /// # Errors
 /// As [`read`].
@@ -181,11 +181,9 @@ pub fn read_as(bytes: &[u8], form: Form, options: &ReadOptions) -> Result<Read, 
         Form::Table => table::read(&text(bytes))?,
         Form::Npz => npz::read(bytes)?,
     };
-    let n_renamed = motion.name_apart();
+    let n_renamed = motion.make_names_unique();
     if n_renamed > 0 {
-        remarks.push(format!(
-            "{n_renamed} points have an empty name or one that another has; they got names of their own"
-        ));
+        remarks.push(format!("{n_renamed} points have an empty or repeated name; they were renamed"));
     }
     if let Some(up) = options.up {
         motion.up = up;
@@ -201,10 +199,10 @@ fn text(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// A file of `motion` called `name`. Points are turned where the form has one axis that is up: y in TRC, z in our own forms.
+/// Encodes `motion`, called `name`, as a file. Points are rotated where the format has a fixed axis that is up: y in TRC, z in our own formats.
 ///
 /// # Errors
-/// What cannot be told in such a file.
+/// What the format cannot hold.
 pub fn write(motion: &Motion, form: Form, name: &str, options: &WriteOptions<'_>) -> Result<Written, MotionError> {
     match form {
         Form::C3d => c3d::write(motion, options.unit),
@@ -242,16 +240,16 @@ fn lost(motion: &Motion, keeps: Keeps) -> Vec<String> {
     }
     if let Some(skeleton) = &motion.skeleton {
         lost.push(format!(
-            "the skeleton: joints of {} bones stand as points, and do not turn",
+            "the skeleton: joints of {} bones become points without rotations",
             skeleton.motion.joints.len()
         ));
     }
     lost
 }
 
-/// That a form cannot say when the first frame is.
+/// A remark that the format cannot state the time of the first frame.
 pub fn start_lost(motion: &Motion) -> String {
-    format!("when it begins: the first frame is at {:.6} s, and is at 0 s now", motion.start_s())
+    format!("the start time: the first frame is at {:.6} s, and becomes 0 s", motion.start_s())
 }
 
 /// What a form can tell.

@@ -1,8 +1,8 @@
-//! Points between frames, and motions at another rate.
+//! Interpolation between frames, and resampling.
 //!
-//! Between two neighbouring frames in which a point is, it moves along the cubic through them whose velocities are those of the neighbours' differences
-//! (Catmull and Rom); where one neighbour is missing along the parabola through three, where both are along a line. Covariances are the weighted mean of the two, which is never too small; a sample is as
-//! little measured as the worse of its two.
+//! Between two neighbouring frames with the point, it moves along the Catmull–Rom cubic; where one outer neighbour is
+//! missing along the parabola through three, where both are along a line. Covariances are the weighted mean of the
+//! two, which is never too small; the provenance of a sample is the worse of the two.
 
 use foveate_messages::Provenance;
 use nalgebra::{Point3, Vector3};
@@ -13,7 +13,7 @@ use crate::motion::{Motion, Sample, rate_of};
 const SAME_TIME_S: f64 = 1e-6;
 
 impl Motion {
-    /// A point at any time; `None` where it is missing in the frame before or behind, or those are more than `gap_s` apart.
+    /// A point at any time; `None` where it is missing in the frame before or after, or these are more than `gap_s` apart.
     pub fn at(&self, point: usize, time_s: f64, gap_s: f64) -> Option<Sample> {
         let behind = self.times_s.partition_point(|it| *it < time_s - SAME_TIME_S);
         let next = *self.times_s.get(behind)?;
@@ -60,12 +60,12 @@ impl Motion {
         Some(Sample { position, covariance, cameras, provenance })
     }
 
-    /// How far apart two frames may be and still be neighbours: one and a half steps of a regular clock, or `of_irregular_s` [s].
+    /// The largest time between neighbouring frames: one and a half steps of a regular clock, or `of_irregular_s` [s].
     pub fn neighbours_s(&self, of_irregular_s: f64) -> f64 {
         self.rate_hz.map_or(of_irregular_s, |it| 1.5 / it)
     }
 
-    /// The rate of a clock like that of the frames: their own, or that of the middle one of the steps between them; `None`: fewer than two.
+    /// The frame rate, or for irregular times that of the median step; `None`: fewer than two frames.
     pub fn usual_rate_hz(&self) -> Option<f64> {
         self.rate_hz.or_else(|| {
             let mut steps: Vec<f64> = self.times_s.windows(2).map(|it| it[1] - it[0]).collect();
@@ -75,10 +75,10 @@ impl Motion {
         })
     }
 
-    /// The same motion at another rate, from the first frame to the last. Frames more than `gap_s` apart leave a hole between them.
+    /// The motion at another rate, from the first frame to the last. Frames more than `gap_s` apart leave a gap.
     ///
     /// # Errors
-    /// A sentence: the rate cannot be, or would make more than 2²⁴ frames.
+    /// A sentence: an invalid rate, or more than 2²⁴ frames.
     pub fn resampled(&self, rate_hz: f64, gap_s: f64) -> Result<Motion, String> {
         let span = self.times_s.last().map_or(0.0, |it| it - self.start_s());
         let n_frames = span * rate_hz + 1.0 + 1e-3;

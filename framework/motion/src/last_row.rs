@@ -1,4 +1,4 @@
-//! Whether the last row of a table of text is whole: a file that is cut ends inside a number more often than not, and what is left of it is a number, too.
+//! Detects a cut last row of a text table: a file that is cut usually ends inside a number, and the rest still reads as a number.
 
 /// How a number is written: its decimals, and the digits of its exponent. `None`: no number.
 fn shape(text: &str) -> Option<[usize; 2]> {

@@ -1,19 +1,19 @@
-//! Files of motion: points and skeletons over time, from bytes and to bytes; filled, smoothed, compared. No nodes, no I/O.
+//! Motion files: points and skeletons over time, read from and written to bytes; filled, smoothed, compared. No nodes, no I/O.
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`bvh`] | skeletons that move |
-//! | [`c3d`] | points, analog channels and events of motion capture laboratories |
-//! | [`compare`] | how far apart two motions are |
-//! | [`csv`] | numbers of our own tables |
-//! | [`fill`] | gaps crossed |
-//! | [`forms`] | files of any form, by their content, as a [`Motion`], and a [`Motion`] as a file |
-//! | [`motion`] | [`Motion`]: points over time, whatever they come from |
-//! | [`npz`] | archives of arrays for NumPy |
-//! | [`smooth`] | a low-pass without a lag |
-//! | [`trc`] | tables of points, as OpenSim reads them |
+//! | [`bvh`] | BVH: moving skeletons |
+//! | [`c3d`] | C3D: points, analog channels and events of motion capture laboratories |
+//! | [`compare`] | distances between two motions |
+//! | [`csv`] | numbers in our own tables |
+//! | [`fill`] | gap filling |
+//! | [`forms`] | files of any format, recognised by content, from and to a [`Motion`] |
+//! | [`motion`] | [`Motion`]: points over time, from any file |
+//! | [`npz`] | NPZ: archives of NumPy arrays |
+//! | [`smooth`] | a zero-lag low-pass filter |
+//! | [`trc`] | TRC: tables of points, as OpenSim reads them |
 //!
-//! C3D, TRC, BVH and NPZ each have a codec that keeps what the file says; [`forms`] stands above them.
+//! C3D, TRC, BVH and NPZ each have a codec that keeps what the file says; [`forms`] builds on them.
 
 pub mod c3d;
 pub mod compare;

@@ -1,4 +1,4 @@
-//! Points over time, whatever file they come from: the form in which motion is filled, smoothed, compared and converted.
+//! Points over time, from any file: the common form in which motion is filled, smoothed, compared and converted.
 
 use std::collections::BTreeSet;
 
@@ -7,18 +7,18 @@ use nalgebra::{Matrix3, Point3};
 
 use crate::bvh::SkeletonMotion;
 
-/// Which axis of the coordinates points up.
+/// The coordinate axis that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Up {
-    /// y, as in OpenSim, BVH and glTF.
+    /// y is up, as in OpenSim, BVH and glTF.
     Y,
-    /// z, as in our world and most laboratories' C3D files.
+    /// z is up, as in our world and most C3D files.
     #[default]
     Z,
 }
 
 impl Up {
-    /// `y` or `z`.
+    /// Name of the axis: `y` or `z`.
     pub const fn name(self) -> &'static str {
         match self {
             Up::Y => "y",
@@ -26,7 +26,7 @@ impl Up {
         }
     }
 
-    /// Coordinates with z up as they stand with this axis up: (x, y, z) is (x, z, −y) with y up.
+    /// Converts coordinates with z up to this axis up: (x, y, z) becomes (x, z, −y) with y up.
     pub const fn of_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Up::Y => [x, z, -y],
@@ -34,7 +34,7 @@ impl Up {
         }
     }
 
-    /// Coordinates with this axis up as they stand with z up.
+    /// Converts coordinates with this axis up to z up.
     pub const fn to_z_up(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Up::Y => [x, -z, y],
@@ -43,16 +43,16 @@ impl Up {
     }
 }
 
-/// One point in one frame, where it is there.
+/// A point in one frame.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// [m]
+    /// Position [m].
     pub position: Point3<f64>,
     /// Upper triangle of the position's covariance, by rows; NaN where the file does not say [m²].
     pub covariance: [f32; 6],
-    /// By their place in [`Motion::cameras`].
+    /// The cameras that saw it, by index in [`Motion::cameras`].
     pub cameras: CameraSet,
-    /// How the sample came to be.
+    /// Provenance: measured, predicted or filled in.
     pub provenance: Provenance,
 }
 
@@ -65,25 +65,25 @@ impl PartialEq for Sample {
 }
 
 impl Sample {
-    /// A measured sample of which no more than its place is known.
+    /// A measured sample with an unknown covariance.
     pub fn at(position: Point3<f64>) -> Self {
         Self { position, covariance: [f32::NAN; 6], cameras: CameraSet::default(), provenance: Provenance::Measured }
     }
 
-    /// With the same variance along each axis.
+    /// The sample with the same variance along each axis.
     pub fn with_sigma(self, sigma: f64) -> Self {
         let variance = (sigma * sigma) as f32;
         Self { covariance: [variance, 0.0, 0.0, variance, 0.0, variance], ..self }
     }
 
-    /// Standard deviation of the position: the root of the mean variance over the axes; `None` where the file does not say [m].
+    /// Standard deviation of the position: root of the mean variance over the axes; `None` where it is unknown [m].
     pub fn sigma(&self) -> Option<f64> {
         let [xx, _, _, yy, _, zz] = self.covariance.map(f64::from);
         let mean = (xx + yy + zz) / 3.0;
         (mean >= 0.0).then(|| mean.sqrt())
     }
 
-    /// The whole covariance; `None` where the file does not say [m²].
+    /// Covariance of the position; `None` where it is unknown [m²].
     pub fn covariance(&self) -> Option<Matrix3<f64>> {
         let [xx, xy, xz, yy, yz, zz] = self.covariance.map(f64::from);
         let whole = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
@@ -91,55 +91,55 @@ impl Sample {
     }
 }
 
-/// Something that happened at one time.
+/// A labelled moment, such as a foot strike.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Event {
-    /// What.
+    /// Label of the event.
     pub label: String,
-    /// Whose, such as `Left`; empty where the file does not say.
+    /// Subject or side, such as `Left`; empty where the file does not say.
     pub context: String,
-    /// On the clock of [`Motion::times_s`] [s].
+    /// Time on the clock of [`Motion::times_s`] [s].
     pub time_s: f64,
 }
 
-/// A skeleton that the points are the joints of.
+/// A skeleton whose joints are the points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Skeleton {
-    /// As the file has it.
+    /// The skeleton and its motion as the file has it.
     pub motion: SkeletonMotion,
-    /// How long a unit of the file is [m].
+    /// Length of the file's unit [m].
     pub unit_m: f64,
 }
 
-/// Points over time.
+/// Points over time: the common form of all motion files.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Motion {
-    /// The points' names, each another.
+    /// Names of the points, all different.
     pub labels: Vec<String>,
-    /// When each frame is, ascending [s].
+    /// Time of each frame, ascending [s].
     pub times_s: Vec<f64>,
-    /// Frames a second; `None`: the times are not regular [Hz].
+    /// Frame rate; `None`: the times are not regular [Hz].
     pub rate_hz: Option<f64>,
-    /// Frame by frame, in each of them point by point; `None` where the point is missing.
+    /// Samples frame by frame, point by point within; `None` where a point is missing.
     pub samples: Vec<Option<Sample>>,
     /// Which axis is up.
     pub up: Up,
-    /// What happened meanwhile.
+    /// Labelled moments.
     pub events: Vec<Event>,
-    /// What [`Sample::cameras`] counts.
+    /// Names of the cameras in [`Sample::cameras`].
     pub cameras: Vec<String>,
-    /// Name and length of the file's unit; `None`: metres, of a file that has no choice [m].
+    /// Name and length of the file's unit; `None`: metres, of a format without a choice [m].
     pub unit: Option<(String, f64)>,
-    /// The skeleton that the points are joints of, while they are where it says.
+    /// The skeleton whose joints the points are, as long as they are where it says.
     pub skeleton: Option<Skeleton>,
-    /// What the file holds besides, in words.
+    /// Other content of the file, in words.
     pub besides: Vec<String>,
-    /// The file does not say when its first frame was, and its times count from there.
+    /// Whether the file does not state the time of its first frame; its times then count from there.
     pub lacks_start: bool,
 }
 
 impl Motion {
-    /// How many frames there are.
+    /// Number of frames.
     pub fn n_frames(&self) -> usize {
         self.times_s.len()
     }
@@ -150,24 +150,24 @@ impl Motion {
         if point < n_points { self.samples.get(frame * n_points + point)?.as_ref() } else { None }
     }
 
-    /// One point over all frames.
+    /// The samples of one point over all frames.
     pub fn column(&self, point: usize) -> impl Iterator<Item = Option<&Sample>> {
         let n_points = self.labels.len().max(1);
         self.samples.iter().skip(point).step_by(n_points).map(Option::as_ref)
     }
 
-    /// The places that are there.
+    /// Number of samples that are present.
     pub fn n_present(&self) -> usize {
         self.samples.iter().flatten().count()
     }
 
-    /// How many samples came to be so.
+    /// Number of samples with this provenance.
     pub fn n_of(&self, provenance: Provenance) -> usize {
         self.samples.iter().flatten().filter(|it| it.provenance == provenance).count()
     }
 
-    /// Gives every point a name of its own: empty ones become `unlabelled-N`, and of equal ones the later get ` (2)` and so on. How many changed.
-    pub fn name_apart(&mut self) -> usize {
+    /// Makes all names different: empty ones become `unlabelled-N`, later duplicates get ` (2)` and so on. Returns how many changed.
+    pub fn make_names_unique(&mut self) -> usize {
         let mut taken = BTreeSet::new();
         let mut n_changed = 0;
         for (place, label) in self.labels.iter_mut().enumerate() {
@@ -184,7 +184,7 @@ impl Motion {
         n_changed
     }
 
-    /// Turns all points so that `up` is up: (x, y, z) with z up stand as (x, z, −y) with y up. Whether that changed anything.
+    /// Rotates all points so that `up` is up: (x, y, z) with z up becomes (x, z, −y) with y up. Returns whether anything changed.
     pub fn turn(&mut self, up: Up) -> bool {
         if self.up == up {
             return false;
@@ -204,7 +204,7 @@ impl Motion {
         true
     }
 
-    /// When the first frame is [s].
+    /// Time of the first frame [s].
     pub fn start_s(&self) -> f64 {
         self.times_s.first().copied().unwrap_or(0.0)
     }
@@ -213,7 +213,7 @@ impl Motion {
 /// How far times may be from a regular clock, as a part of its step, and still be on it.
 const REGULAR: f64 = 0.01;
 
-/// Times in our tables are told to this [s].
+/// Resolution of times in our tables [s].
 const FINE_S: f64 = 1e-6;
 
 /// The rate of a regular clock that all of these times are on, from the first one on; frames may be left out where `with_holes`.
@@ -233,7 +233,7 @@ pub(crate) fn rate_of(times_s: &[f64]) -> Option<f64> {
             let off = |(frame, time): (usize, &f64)| (first + frame as f64 / rate - time).abs();
             rate > 0.0 && times_s.iter().enumerate().all(|it| off(it) < most)
         };
-        // Times that are told finely may be whole milliseconds, too: 0.007 s and its multiples.
+        // Times with a fine resolution may be whole milliseconds, too: 0.007 s and its multiples.
         let most = 1.01 * rounding.filter(|_| !fits(rate, FINE_S)).unwrap_or(FINE_S);
         let mut rounded = (0..6).map(|decimals| 10_f64.powi(decimals)).map(|it| (rate * it).round() / it);
         rounded.find(|it| fits(*it, most)).unwrap_or(rate)
@@ -268,7 +268,7 @@ pub(crate) mod tests {
     fn names_are_each_another() {
         let labels = ["a", "", "a", "a (2)", ""].map(str::to_owned).to_vec();
         let mut motion = Motion { labels, ..Motion::default() };
-        assert_eq!(motion.name_apart(), 4);
+        assert_eq!(motion.make_names_unique(), 4);
         assert_eq!(motion.labels, ["a", "unlabelled-2", "a (2)", "a (2) (2)", "unlabelled-5"]);
     }
 

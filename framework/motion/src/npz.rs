@@ -1,4 +1,4 @@
-//! NPZ, the archive of arrays that `numpy.load` reads: writer and reader, pure functions over numbers.
+//! NPZ, the archive format of `numpy.load`: reader and writer, pure functions over numbers.
 //!
 //! An array is a file `NAME.npy` (NumPy's format 1.0: a dictionary in text, then the numbers, little-endian, the last index fastest) in a ZIP
 //! archive without compression.
@@ -7,7 +7,7 @@ mod read;
 
 pub use read::{Arrays, Numbers};
 
-/// An archive that grows.
+/// An archive that arrays are added to.
 #[derive(Debug, Default)]
 pub struct Archive {
     bytes: Vec<u8>,
@@ -20,23 +20,23 @@ const MOST_BYTES: usize = u32::MAX as usize;
 /// Of the file's own format: 1980-01-01, for nodes read no clock.
 const DATE: u16 = 0x0021;
 
-/// An archive would be longer than 4 GiB.
+/// The archive would be longer than 4 GiB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooLong;
 
 impl Archive {
-    /// Adds an array of floats.
+    /// Adds an array of 64-bit floats.
     ///
     /// # Errors
     /// [`TooLong`].
     ///
     /// # Panics
-    /// When the shape is not that of so many values.
+    /// When `values` does not fill the shape.
     pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f64]) -> Result<(), TooLong> {
         self.array(name, "<f8", shape, values.len(), 8, values.iter().flat_map(|it| it.to_le_bytes()))
     }
 
-    /// Adds an array of short floats; errors and panics as [`Self::floats`].
+    /// Adds an array of 32-bit floats; errors and panics as [`Self::floats`].
     pub fn short_floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Result<(), TooLong> {
         self.array(name, "<f4", shape, values.len(), 4, values.iter().flat_map(|it| it.to_le_bytes()))
     }
@@ -46,7 +46,7 @@ impl Archive {
         self.array(name, "|u1", shape, values.len(), 1, values.iter().copied())
     }
 
-    /// Adds a list of texts; errors as [`Self::floats`].
+    /// Adds an array of texts; errors as [`Self::floats`].
     pub fn texts(&mut self, name: &str, texts: &[&str]) -> Result<(), TooLong> {
         let length = texts.iter().map(|it| it.chars().count()).max().unwrap_or(0).max(1);
         let letters = texts.iter().flat_map(|it| it.chars().map(u32::from).chain(std::iter::repeat(0)).take(length));
@@ -106,7 +106,7 @@ impl Archive {
         self.bytes.extend([0, 0]);
     }
 
-    /// The whole archive.
+    /// The bytes of the whole archive.
     pub fn finish(mut self) -> Vec<u8> {
         let start = self.bytes.len();
         let files = std::mem::take(&mut self.files);

@@ -1,16 +1,17 @@
-//! Smooths the paths of points without a lag: a Butterworth low-pass, forwards and then backwards.
+//! Zero-lag smoothing of paths: a Butterworth low-pass, forwards and then backwards.
 //!
 //! Source: D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 4th edition, 2009, section 3.4.4.2, whose letters the table has.
 //!
-//! | here | there | meaning | unit |
+//! | here | source | meaning | unit |
 //! |---|---|---|---|
-//! | `cutoff_hz` | f_c | where both passes together let through 1/√2 of an amplitude | Hz |
-//! | `correction` | C | (2^(1/2) − 1)^(1/4): by so much the cut-off of a single pass lies higher | – |
+//! | `cutoff_hz` | f_c | where both passes together pass 1/√2 of an amplitude | Hz |
+//! | `correction` | C | (2^(1/2) − 1)^(1/4): factor between the cut-offs of both passes and of one | – |
 //! | `omega` | ω_c | tan(π f_c / f_s) / C | – |
 //! | `k1`, `k2` | K₁, K₂ | √2 ω_c, ω_c² | – |
 //!
-//! Second order, so fourth with both passes. A run of samples without a hole is filtered for itself: its ends are continued by their mirror image through the end sample,
-//! and the filter begins at rest there, as `scipy.signal.filtfilt` does it.
+//! Second order, so fourth with both passes. Each run of samples without a gap is filtered on its own: its ends are
+//! extended by their mirror image through the end sample,
+//! and the filter starts at rest there, as in `scipy.signal.filtfilt`.
 
 use nalgebra::{Point3, Vector3};
 
@@ -21,12 +22,12 @@ const PAD: usize = 9;
 /// Periods of the cut-off by which a run is continued at either end, as far as it is as long itself: what the filter's start leaves has gone to a ten-millionth by then.
 const PERIODS: f64 = 3.0;
 
-/// What [`smooth`] did.
+/// What [`smooth`] did, for reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Smoothed {
-    /// Samples that were filtered.
+    /// Number of samples filtered.
     pub n_samples: usize,
-    /// Samples in runs too short to be filtered, left as they are.
+    /// Number of samples in runs too short to be filtered, which are unchanged.
     pub n_too_short: usize,
 }
 
@@ -79,13 +80,13 @@ impl Filter {
     }
 }
 
-/// Filters every point of a motion with regular times.
+/// Filters every point of a motion with a regular frame rate, in place.
 ///
 /// # Errors
 /// A sentence: the times are not regular, or the cut-off is not between 0 and half the rate.
 pub fn smooth(motion: &mut Motion, cutoff_hz: f64) -> Result<Smoothed, String> {
     let Some(rate_hz) = motion.rate_hz else {
-        return Err("found times that are not regular, expected frames at one rate (resample them first)".to_owned());
+        return Err("found irregular times, expected frames at one rate (resample them first)".to_owned());
     };
     // With the correction for two passes the cut-off of one must stay below half the rate, too: tan has no bound, so any below it does.
     if !(cutoff_hz > 0.0 && cutoff_hz < rate_hz / 2.0) {
@@ -212,6 +213,6 @@ mod tests {
             assert!(smooth(&mut of(&wave(1.0)), cutoff_hz).unwrap_err().contains("less than 50"), "{cutoff_hz}");
         }
         let mut irregular = Motion { rate_hz: None, ..of(&wave(1.0)) };
-        assert!(smooth(&mut irregular, 5.0).unwrap_err().contains("not regular"));
+        assert!(smooth(&mut irregular, 5.0).unwrap_err().contains("irregular"));
     }
 }

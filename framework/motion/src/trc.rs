@@ -1,4 +1,4 @@
-//! TRC, the table of points that OpenSim and many laboratories read: own reader and writer, pure functions over text.
+//! TRC, the table of points that OpenSim and many laboratories read: reader and writer, pure functions over text.
 //!
 //! Three lines of header, a line of labels, a line of coordinates, an empty line, then a line for each frame: number, time, three coordinates for
 //! each point, with tabs between. A point that is missing leaves its three fields empty, as OpenSim expects. Some makers
@@ -9,27 +9,27 @@ use std::fmt::{self, Write};
 use crate::csv::fixed;
 use crate::last_row::Shapes;
 
-/// What a file holds.
+/// The content of a TRC file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
-    /// Frames a second [Hz].
+    /// Frame rate [Hz].
     pub rate_hz: f64,
     /// The unit of positions, such as `mm`.
     pub units: String,
-    /// The points.
+    /// Names of the points.
     pub labels: Vec<String>,
     /// Time of each frame [s].
     pub times_s: Vec<f64>,
-    /// Frame by frame, in each of them point by point; `None` where a point is missing.
+    /// Positions frame by frame, point by point within; `None` where a point is missing.
     pub positions: Vec<Option<[f64; 3]>>,
 }
 
-/// What is wrong with a file, and where.
+/// Why a file cannot be read, with the place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TrcError {
-    /// The line, counted from 1.
+    /// Line number, from 1.
     pub line: usize,
-    /// What is there and what should be.
+    /// What was found and what was expected.
     pub message: String,
 }
 
@@ -41,7 +41,7 @@ impl fmt::Display for TrcError {
 
 impl std::error::Error for TrcError {}
 
-/// The file `name` of `recording`, with five decimals; labels lose tabs and line ends.
+/// Encodes `recording` as a file called `name`, with five decimals; tabs and line ends in labels are removed.
 pub fn write(recording: &Recording, name: &str) -> String {
     let (n_frames, n_points) = (recording.times_s.len(), recording.labels.len());
     let mut text = head(recording, n_frames, name, 0);
@@ -52,8 +52,8 @@ pub fn write(recording: &Recording, name: &str) -> String {
     text
 }
 
-/// All that stands before the rows of a file of `n_frames` frames, whatever `about` has of them. Spaces behind the file's name in the first line make it
-/// `room` bytes longer than it must be: the digits by which the number of frames grows can take their place.
+/// The header of a file of `n_frames` frames, with the labels and units of `about`. Spaces behind the file's name in
+/// the first line make it `room` bytes longer than needed, for more digits of the number of frames later.
 pub fn head(about: &Recording, n_frames: usize, name: &str, room: usize) -> String {
     let n_points = about.labels.len();
     let mut text = String::with_capacity(300 + n_points * 60 + room);
@@ -85,7 +85,7 @@ fn rate_text(rate_hz: f64) -> String {
     if is_it { short } else { rate_hz.to_string() }
 }
 
-/// Adds the line of a frame, counted from 1.
+/// Appends the row of a frame, counted from 1.
 pub fn put_row(text: &mut String, frame: usize, time_s: f64, positions: &[Option<[f64; 3]>]) {
     write!(text, "{frame}\t").ok();
     fixed(text, time_s, 6);
@@ -101,27 +101,28 @@ pub fn put_row(text: &mut String, frame: usize, time_s: f64, positions: &[Option
     text.push('\n');
 }
 
-/// Reads a whole file, with nothing said of what was put right. See [`read_told`].
+/// Reads a whole file. [`read_with_remarks`] also says how contradictions in it were resolved.
 ///
 /// # Errors
-/// As [`read_told`].
+/// As [`read_with_remarks`].
 pub fn read(text: &str) -> Result<Recording, TrcError> {
-    read_told(text).map(|it| it.0)
+    read_with_remarks(text).map(|it| it.0)
 }
 
 /// Frames of so many fields that are not in the text are believed: rows may leave out the tabs of points that are missing at their end, and no
 /// file of a few lines may ask for more memory than this and 4 times its own length. [points]
 const MOST_LEFT_OUT: usize = 1 << 20;
 
-/// Reads a whole file, and says what in it contradicts itself, and how it was taken.
+/// Reads a whole file, with remarks on contradictions in it and how they were resolved.
 ///
-/// Any line ends, a byte-order mark and empty lines anywhere are passed over. The points are those of the labels' line, whatever the header counts; where it has none, the rows
-/// tell by their width, and the points are called `unlabelled-N`. A last row that may be cut is left out: one without a line end whose last number may have lacked digits,
+/// All kinds of line ends, a byte-order mark and empty lines are accepted. The points are those of the line of labels,
+/// whatever the header counts; where there is none, the width of the rows gives their number, and they are called
+/// `unlabelled-N`. A last row that may be cut is left out: one without a line end whose last number may lack digits,
 /// or one with fewer fields than the others in a file that counts more frames.
 ///
 /// # Errors
-/// The line, what is there and what should be.
-pub fn read_told(text: &str) -> Result<(Recording, Vec<String>), TrcError> {
+/// The line, what was found and what was expected.
+pub fn read_with_remarks(text: &str) -> Result<(Recording, Vec<String>), TrcError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let ends = if text.contains('\n') { '\n' } else { '\r' };
     let mut lines = text.split_terminator(ends).enumerate().map(|(line, text)| (line + 1, text.trim_end_matches('\r')));
@@ -348,7 +349,7 @@ mod tests {
 
     #[track_caller]
     fn check_alike(text: &str, labels: [&str; 2], words: &str) {
-        let (found, remarks) = read_told(text).unwrap();
+        let (found, remarks) = read_with_remarks(text).unwrap();
         assert_eq!((found.positions, found.times_s), (positions(), vec![0.0, 0.01]));
         assert_eq!(found.labels, labels);
         assert_eq!(remarks.is_empty(), words.is_empty(), "{remarks:?}");
@@ -391,7 +392,7 @@ mod tests {
             let wanted = read(&text).unwrap();
             let first_row = text.find("\n1\t").unwrap() + 1;
             for length in first_row..text.len() {
-                let (found, remarks) = read_told(&text[..length]).unwrap();
+                let (found, remarks) = read_with_remarks(&text[..length]).unwrap();
                 let n = found.times_s.len();
                 assert_eq!(found.times_s, wanted.times_s[..n], "{length}");
                 assert_eq!(found.positions, wanted.positions[..n * 2], "{length}");
@@ -405,14 +406,14 @@ mod tests {
         }
         // An editor ended the line: fewer fields than the others, and the header counts more.
         let short = PLAIN.replace("100\t2\t2", "100\t9\t2").replace("7\t8\t9\t\t\t\n", "7\t8\n");
-        let (found, remarks) = read_told(&short).unwrap();
+        let (found, remarks) = read_with_remarks(&short).unwrap();
         assert_eq!((found.times_s.len(), remarks[0].contains("line 8: found fewer fields")), (1, true), "{remarks:?}");
         // Whole tables of programs that end no last line: their digits say so; whole numbers do not.
         let plain = PLAIN.replace("7\t8\t9\t\t\t\n", "7\t8\t9\t1\t2\t34");
         assert_eq!(read(&plain).unwrap().times_s.len(), 1);
         let fixed = plain.replace("1\t2\t3\t4\t5\t6\n", "1.0\t2.0\t3.0\t4.0\t5.0\t6.0\n");
         let fixed = fixed.replace("7\t8\t9\t1\t2\t34", "7.0\t8.0\t9.0\t1.0\t2.0\t34.5");
-        assert_eq!(read_told(&fixed).map(|it| (it.0.times_s.len(), it.1)), Ok((2, Vec::new())));
+        assert_eq!(read_with_remarks(&fixed).map(|it| (it.0.times_s.len(), it.1)), Ok((2, Vec::new())));
     }
 
     #[test]

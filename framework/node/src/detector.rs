@@ -1,4 +1,4 @@
-//! What detectors of pictures have in common, however they look: which camera they serve, where targets are expected, gaps and counts.
+//! What all image detectors share: their camera, where targets are expected, gaps and counts.
 
 use std::fmt::Display;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub enum Outcome {
     Searched,
     /// The background is still being learnt: nothing is reported.
     Learning,
-    /// So much of it stands out that hardly any of it can be a target: nothing is reported.
+    /// Too much of it differs from the background to be targets: nothing is reported.
     Flooded,
 }
 
@@ -28,13 +28,13 @@ pub enum Outcome {
 pub struct DetectorPorts {
     /// Pictures of one camera.
     pub image: &'static In<Image>,
-    /// Targets as they are foretold, in the space in which the camera stands.
+    /// Predicted targets, in the space in which the camera stands.
     pub predicted: &'static In<Targets>,
     /// What was found.
     pub features: &'static Out<Features>,
 }
 
-/// The part of a detector's node that does not depend on how it looks for features.
+/// The part of a detector's node that does not depend on the search for features.
 pub struct DetectorShell {
     camera: Option<CameraId>,
     camera_name: String,
@@ -60,7 +60,7 @@ impl DetectorShell {
         }
     }
 
-    /// Takes a picture, has `find` look for features in it, and gives them out. `find` gets the picture, the pixels at which targets are
+    /// Takes a picture, calls `find` to search it for features, and emits them. `find` gets the picture, the pixels at which targets are
     /// expected, the camera's model and an empty list. A picture that `find` refuses, and one that is flooded, is a gap;
     /// `flooded` says why. Gives the picture's stamp, if there was one.
     pub fn process<E: Display>(
@@ -80,7 +80,7 @@ impl DetectorShell {
         Some(image.stamp)
     }
 
-    /// As [`Self::process`], for a picture that was taken before.
+    /// As [`Self::process`], for a picture that the caller has already taken from the port.
     pub fn search<E: Display>(
         &mut self,
         io: &mut Io<'_>,
@@ -138,14 +138,14 @@ impl DetectorShell {
     }
 }
 
-/// Successive pictures of a new size after which that size is believed, where no calibration states one.
+/// Successive pictures of a new size after which that size is accepted, where no calibration states one.
 const SIZE_PATIENCE: u32 = 10;
 
 /// The size of a camera's pictures: as calibrated, or that of its first ones, until others come for long enough.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PictureSize {
     calibrated: Option<[u32; 2]>,
-    /// A size that came instead of the expected one, and how often in a row.
+    /// A size other than the expected one, and how often it came in a row.
     other: ([u32; 2], u32),
 }
 
@@ -163,7 +163,7 @@ impl PictureSize {
     /// A whole picture of `size` has come where those before it had `present`, if there were any.
     ///
     /// # Errors
-    /// The size that was expected, where this one is not believed.
+    /// The size that was expected, where this one is not accepted.
     pub fn check(&mut self, size: [u32; 2], present: Option<[u32; 2]>) -> Result<(), [u32; 2]> {
         if let Some(expected) = self.calibrated.or(present).filter(|it| *it != size) {
             let times = if self.other.0 == size { self.other.1 + 1 } else { 1 };

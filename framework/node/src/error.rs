@@ -1,4 +1,4 @@
-//! What a node may complain about: its settings before a run, its input during one.
+//! Errors of nodes: in settings before a run, in input during one.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -42,17 +42,17 @@ impl ConfigError {
     }
 }
 
-/// Why a node could not go on with a message.
+/// Why a node could not process a message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct NodeError {
-    /// Whose fault it is: decides the program's exit code.
+    /// Whether the rig or the program is at fault: decides the exit code.
     pub blame: Blame,
     /// Where, what was found and what was expected.
     pub message: String,
 }
 
-/// Whose fault a failure is.
+/// What is at fault in a failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Blame {
     /// The rig, its files or its devices.
@@ -62,12 +62,12 @@ pub enum Blame {
 }
 
 impl NodeError {
-    /// A file, device or message is not as it must be.
+    /// A file, device or message is invalid.
     pub fn input(message: impl Display) -> Self {
         Self { blame: Blame::Input, message: message.to_string() }
     }
 
-    /// Something that must not happen did.
+    /// An internal error.
     pub fn program(message: impl Display) -> Self {
         Self { blame: Blame::Program, message: message.to_string() }
     }

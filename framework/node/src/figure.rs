@@ -1,4 +1,4 @@
-//! Figures that a node type declares, as it declares its ports: name, unit, which way is better, and one line.
+//! Figures that a node type declares, as it declares its ports: name, unit, which values are better, and one line.
 
 /// The figures of a node type, in the order in which people read them.
 pub type Figures = &'static [FigureSpec];
@@ -28,7 +28,7 @@ impl Better {
 /// One figure of a node type, or several that differ in a part of their names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FigureSpec {
-    /// Dotted name. `*` stands for a part that is known at run time only, such as a camera's name (one character or more), `{median,p95}` for one
+    /// Dotted name. `*` matches a part that is known at run time only, such as a camera's name (one character or more), `{median,p95}` for one
     /// of these, `(…)` for a part that may be missing; these do not nest, but for `*` inside `(…)`.
     pub name: &'static str,
     /// Unit of the value, such as `mm`; for what has none, `count`, `share` (0 to 1), `ratio` (any other) or `sigmas` (stated standard deviations).
@@ -37,6 +37,8 @@ pub struct FigureSpec {
     pub better: Better,
     /// One line: what is counted, over what, and what is left out.
     pub line: &'static str,
+    /// A few words for the end of a run, where the figure is one of those that a person reads first.
+    pub headline: Option<&'static str>,
 }
 
 /// Units of what has no dimension.
@@ -58,9 +60,19 @@ const IN_NAMES: [(&str, &str); 11] = [
 ];
 
 impl FigureSpec {
+    /// All declared names, with `{…}` and `(…)` expanded and `*` kept.
+    pub fn names(&self) -> Vec<String> {
+        expand(self.name).unwrap_or_default()
+    }
+
     /// Whether it declares the figure of that name.
     pub fn declares(&self, figure: &str) -> bool {
         expand(self.name).is_ok_and(|patterns| patterns.iter().any(|it| fits(it.as_bytes(), figure.as_bytes())))
+    }
+
+    /// The unit, or `None` for what has no dimension.
+    pub fn dimension(&self) -> Option<&'static str> {
+        (!PURE.contains(&self.unit)).then_some(self.unit)
     }
 
     /// The unit to be shown beside `figure`: `None` where its name says it already, or where it has no dimension.
@@ -97,7 +109,7 @@ pub fn find(figures: Figures, name: &str) -> Option<&'static FigureSpec> {
     figures.iter().find(|it| it.declares(name))
 }
 
-/// Holds declarations against what every one of them promises.
+/// Checks declarations of figures.
 ///
 /// # Errors
 /// A sentence that names the figure: a name that cannot be read, a unit or a line that is missing, a name that says another unit, a figure that two declare.
@@ -118,7 +130,7 @@ pub fn check(figures: Figures) -> Result<(), String> {
     Ok(())
 }
 
-/// All names that `name` stands for, with `*` left in them.
+/// All names that `name` describes, with `*` left in them.
 fn expand(name: &str) -> Result<Vec<String>, String> {
     let mut names = vec![String::new()];
     let mut rest = name;
@@ -205,13 +217,16 @@ macro_rules! figures {
     (@better low) => { $crate::figure::Better::Low };
     (@better high) => { $crate::figure::Better::High };
     (@better neither) => { $crate::figure::Better::Neither };
-    ($scope:vis const $all:ident; $($name:literal: $unit:tt, $better:ident, $line:literal;)*) => {
+    (@headline) => { None };
+    (@headline $headline:literal) => { Some($headline) };
+    ($scope:vis const $all:ident; $($name:literal: $unit:tt, $better:ident, $line:literal $(=> $headline:literal)?;)*) => {
         /// The figures, in the order of their declarations.
         $scope const $all: $crate::Figures = &[$($crate::figure::FigureSpec {
             name: $name,
             unit: $crate::figures!(@unit $unit),
             better: $crate::figures!(@better $better),
             line: $line,
+            headline: $crate::figures!(@headline $($headline)?),
         }),*];
     };
     // With the first name, so that a mistake is reported where it is and does not come here again.
@@ -225,7 +240,7 @@ mod tests {
     use super::*;
 
     const fn spec(name: &'static str, unit: &'static str) -> FigureSpec {
-        FigureSpec { name, unit, better: Better::Low, line: "What is counted" }
+        FigureSpec { name, unit, better: Better::Low, line: "What is counted", headline: None }
     }
 
     fn all<const N: usize>(specs: [FigureSpec; N]) -> Figures {

@@ -1,8 +1,9 @@
-//! The settings of a node out of TOML, each fault with the path of its setting.
+//! Settings as a rig gives them, whatever the language of the rig, and how they become the settings of a node: each fault has the path of its setting.
 //!
 //! One reader for all node types: every visitor of every type of settings is compiled for it alone. Readers that wrap others (of any
 //! format, with the path beside them) made a quarter of the code of crates with many nodes.
 
+use std::collections::{BTreeMap, btree_map};
 use std::fmt::Display;
 use std::iter::Enumerate;
 use std::slice;
@@ -10,9 +11,47 @@ use std::slice;
 use serde::de::value::{BorrowedStrDeserializer, MapAccessDeserializer};
 use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
-use toml::{Table, Value};
+use serde::ser::{self, Serialize, Serializer};
 
 use crate::error::ConfigError;
+
+/// Settings by name.
+pub type Table = BTreeMap<String, Value>;
+
+/// One setting as it is given.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// `true` or `false`.
+    Bool(bool),
+    /// A whole number.
+    Integer(i64),
+    /// A number, also infinite or none.
+    Float(f64),
+    /// A text.
+    Text(String),
+    /// Several in order.
+    List(Vec<Value>),
+    /// Several by name.
+    Table(Table),
+    /// What no setting can be, in words: "a date".
+    Other(&'static str),
+}
+
+impl Serialize for Value {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Value::Bool(it) => serializer.serialize_bool(*it),
+            Value::Integer(it) => serializer.serialize_i64(*it),
+            Value::Float(it) => serializer.serialize_f64(*it),
+            Value::Text(it) => serializer.serialize_str(it),
+            Value::List(it) => serializer.collect_seq(it),
+            Value::Table(it) => serializer.collect_map(it),
+            Value::Other(it) => {
+                Err(ser::Error::custom(format_args!("found {it}, expected a value that a setting can have")))
+            }
+        }
+    }
+}
 
 /// Reads settings.
 ///
@@ -44,12 +83,12 @@ struct Given<'v>(&'v Value);
 impl<'v> Given<'v> {
     fn not<V: Visitor<'v>>(&self, visitor: &V) -> ConfigError {
         let found = match self.0 {
-            Value::String(it) => Unexpected::Str(it),
+            Value::Text(it) => Unexpected::Str(it),
             Value::Integer(it) => Unexpected::Signed(*it),
             Value::Float(it) => Unexpected::Float(*it),
-            Value::Boolean(it) => Unexpected::Bool(*it),
-            Value::Datetime(_) => Unexpected::Other("a date"),
-            Value::Array(_) => Unexpected::Seq,
+            Value::Bool(it) => Unexpected::Bool(*it),
+            Value::Other(it) => Unexpected::Other(it),
+            Value::List(_) => Unexpected::Seq,
             Value::Table(_) => Unexpected::Map,
         };
         ConfigError::invalid_type(found, visitor)
@@ -61,12 +100,12 @@ impl<'v> Deserializer<'v> for Given<'v> {
 
     fn deserialize_any<V: Visitor<'v>>(self, visitor: V) -> Result<V::Value, ConfigError> {
         match self.0 {
-            Value::String(it) => visitor.visit_borrowed_str(it),
+            Value::Text(it) => visitor.visit_borrowed_str(it),
             Value::Integer(it) => visitor.visit_i64(*it),
             Value::Float(it) => visitor.visit_f64(*it),
-            Value::Boolean(it) => visitor.visit_bool(*it),
-            Value::Datetime(_) => Err(self.not(&visitor)),
-            Value::Array(_) => self.deserialize_seq(visitor),
+            Value::Bool(it) => visitor.visit_bool(*it),
+            Value::Other(_) => Err(self.not(&visitor)),
+            Value::List(_) => self.deserialize_seq(visitor),
             Value::Table(_) => self.deserialize_map(visitor),
         }
     }
@@ -84,7 +123,7 @@ impl<'v> Deserializer<'v> for Given<'v> {
     }
 
     fn deserialize_seq<V: Visitor<'v>>(self, visitor: V) -> Result<V::Value, ConfigError> {
-        let Value::Array(list) = self.0 else { return Err(self.not(&visitor)) };
+        let Value::List(list) = self.0 else { return Err(self.not(&visitor)) };
         let mut items = Items(list.iter().enumerate());
         let value = visitor.visit_seq(&mut items)?;
         match items.0.len() {
@@ -130,7 +169,7 @@ impl<'v> Deserializer<'v> for Given<'v> {
         visitor: V,
     ) -> Result<V::Value, ConfigError> {
         match self.0 {
-            Value::String(it) => visitor.visit_enum(BorrowedStrDeserializer::new(it)),
+            Value::Text(it) => visitor.visit_enum(BorrowedStrDeserializer::new(it)),
             Value::Table(table) if table.len() == 1 => {
                 visitor.visit_enum(MapAccessDeserializer::new(Entries::of(table)))
             }
@@ -164,7 +203,7 @@ impl<'v> SeqAccess<'v> for &mut Items<'v> {
 }
 
 struct Entries<'v> {
-    rest: toml::map::Iter<'v, String, Value>,
+    rest: btree_map::Iter<'v, String, Value>,
     /// Of which the key has been read.
     now: Option<(&'v str, &'v Value)>,
 }
@@ -249,7 +288,19 @@ mod tests {
     }
 
     fn of<T: DeserializeOwned>(text: &str) -> Result<T, ConfigError> {
-        read(&Value::Table(text.parse().unwrap()))
+        read(&given(toml::Value::Table(text.parse().unwrap())))
+    }
+
+    fn given(value: toml::Value) -> Value {
+        match value {
+            toml::Value::Boolean(it) => Value::Bool(it),
+            toml::Value::Integer(it) => Value::Integer(it),
+            toml::Value::Float(it) => Value::Float(it),
+            toml::Value::String(it) => Value::Text(it),
+            toml::Value::Array(it) => Value::List(it.into_iter().map(given).collect()),
+            toml::Value::Table(it) => Value::Table(it.into_iter().map(|(key, value)| (key, given(value))).collect()),
+            toml::Value::Datetime(_) => Value::Other("a date"),
+        }
     }
 
     #[test]
@@ -271,6 +322,14 @@ mod tests {
         let flat = of::<Flat>("at = 1.5\nis_on = true\nshape = 'point'\ntagged = { kind = 'near', at = 1 }");
         let part = Part { is_on: true, shape: Shape::Point };
         assert_eq!(flat, Ok(Flat { at: 1.5, part, tagged: Some(Tagged::Near { at: 1.0 }) }));
+    }
+
+    #[test]
+    fn what_is_given_is_written_as_it_was_read() {
+        let text = "at = [1, 2.5, -inf]\nis_on = true\n\n[inner]\nname = \"x\"\n";
+        let value = given(toml::Value::Table(text.parse().unwrap()));
+        assert_eq!(toml::to_string(&value).unwrap(), text);
+        assert!(toml::to_string(&given(toml::Value::Table("day = 1979-05-27".parse().unwrap()))).is_err());
     }
 
     #[test]

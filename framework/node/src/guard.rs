@@ -1,4 +1,4 @@
-//! The one guard around everything foreign: what panics inside comes out as a sentence with its file and line.
+//! The guard around every call of foreign code: turns a panic inside into a sentence with its file and line.
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -12,11 +12,11 @@ thread_local! {
     static PLACE: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// What `work` gives, or the words of its panic: "panicked at FILE:LINE: TEXT". Nothing is printed. What `work` had borrowed is left as it was at
-/// the panic: who calls must not trust it any more, or must put it right.
+/// The result of `work`, or the text of its panic: "panicked at FILE:LINE: TEXT". Nothing is printed. What `work` had borrowed stays as it was at
+/// the panic: the caller must not trust it any more, or must repair it.
 ///
 /// # Errors
-/// The words of the panic.
+/// The text of the panic.
 pub fn guarded<R>(work: impl FnOnce() -> R) -> Result<R, String> {
     install_hook();
     DEPTH.set(DEPTH.get() + 1);
@@ -37,13 +37,13 @@ pub fn guarded<R>(work: impl FnOnce() -> R) -> Result<R, String> {
     })
 }
 
-/// Goes on with a panic that was caught elsewhere, such as in a library whose panics this program cannot catch: the guard around gives `said`,
-/// the words that the first guard gave.
-pub fn go_on(said: String) -> ! {
+/// Resumes a panic that was caught elsewhere, such as in a library whose panics this program cannot catch: the enclosing guard returns `said`,
+/// the text from the first guard.
+pub fn resume(said: String) -> ! {
     resume_unwind(Box::new(Caught(said)))
 }
 
-/// The words of a panic that another guard caught.
+/// The text of a panic that another guard caught.
 struct Caught(String);
 
 fn in_words(payload: &(dyn Any + Send)) -> &str {
@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn a_panic_that_was_caught_before_keeps_its_words() {
         let first = guarded(|| panic!("no feet")).unwrap_err();
-        assert_eq!(guarded(|| go_on(first.clone())), Err::<(), _>(first));
+        assert_eq!(guarded(|| resume(first.clone())), Err::<(), _>(first));
     }
 
     #[test]

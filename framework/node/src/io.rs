@@ -1,4 +1,4 @@
-//! A node's view of one activation: what arrived, what is known, what it gives out.
+//! A node's view of one activation: what arrived, what is known, what it emits.
 
 use std::any::Any;
 use std::fmt::Display;
@@ -10,20 +10,20 @@ use foveate_messages::{Message, Quality, SourceId, Stamp, Stamped, Time};
 use crate::guard::guarded;
 use crate::port::{In, Out};
 
-/// Messages that a node may give out in one activation: one that goes on without an end is stopped before it has used up the memory.
-pub const MOST_MESSAGES: usize = 1 << 20;
+/// Messages that a node may emit in one activation: a node that never stops emitting is stopped before it has used up the memory.
+pub const MAX_MESSAGES: usize = 1 << 20;
 
 /// A message with its type erased.
 pub trait Payload: Any + Send + Sync {
     /// [`Message::quality`].
     ///
     /// # Errors
-    /// The words of its panic, which is caught where the message's type comes from: it may be a library, whose panics nobody else can catch.
+    /// The text of its panic, which is caught where the message's type comes from: a library's panics can be caught only inside that library.
     fn quality(&self) -> Result<Quality, String>;
     /// [`Message::bulk`].
     ///
     /// # Errors
-    /// The words of its panic, as above.
+    /// The text of its panic, as above.
     fn bulk(&self) -> Result<&[u8], String>;
 }
 
@@ -39,7 +39,7 @@ impl<T: Message> Payload for T {
 /// A stamped message with its type erased; shared, never copied.
 #[derive(Clone)]
 pub struct Packet {
-    /// When and by whom.
+    /// When it was captured, and its source.
     pub stamp: Stamp,
     /// What.
     pub payload: Arc<dyn Payload>,
@@ -69,7 +69,7 @@ impl Packet {
     }
 }
 
-/// What one activation is about: the port that triggered it and what it holds.
+/// What triggered one activation: the port and its packets.
 #[derive(Default)]
 pub struct Delivery {
     /// The input port, by its number.
@@ -78,7 +78,7 @@ pub struct Delivery {
     pub packets: Vec<Packet>,
 }
 
-/// What a node gave out in one activation.
+/// What a node emitted in one activation.
 #[derive(Default)]
 pub struct Outbox {
     /// Messages, each with its output port.
@@ -87,7 +87,7 @@ pub struct Outbox {
     pub gaps: Vec<(usize, Gap)>,
 }
 
-/// Data that should have been there and is not.
+/// Data that was expected and is missing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Gap {
     /// When it should have been seen.
@@ -108,7 +108,7 @@ pub struct Io<'a> {
 }
 
 impl<'a> Io<'a> {
-    /// For who runs nodes: the activation of node `source` at `now` about `delivery`. `latest` holds, by input port and connected source, the newest
+    /// For engines: the activation of node `source` at `now` by `delivery`. `latest` holds, by input port and connected source, the newest
     /// message so far; `sequences`, by output port, how many messages were numbered there.
     pub fn new(
         now: Time,
@@ -121,7 +121,7 @@ impl<'a> Io<'a> {
         Io { now, delivery, latest, outbox, source, sequences, progress: None }
     }
 
-    /// For who runs nodes: something outside that changes each time the node says that it is still at work.
+    /// For engines: a counter outside that changes each time the node reports that it is still at work.
     pub fn with_progress(self, progress: &'a AtomicU64) -> Io<'a> {
         Io { progress: Some(progress), ..self }
     }
@@ -161,19 +161,19 @@ impl Io<'_> {
         slots.iter().flatten().map(move |packet| packet.typed(name))
     }
 
-    /// Gives out `value` under the stamp of what it was made from.
+    /// Emits `value` under the stamp of the message that it was made from.
     ///
     /// # Panics
-    /// When the node's `ports` do not declare `port`, or it gave out [`MOST_MESSAGES`] already: a mistake in its source.
+    /// When the node's `ports` do not declare `port`, or it emitted [`MAX_MESSAGES`] already: a mistake in its source.
     pub fn emit<T: Message>(&mut self, port: &Out<T>, stamp: Stamp, value: impl Into<Arc<T>>) {
         self.check(port);
         let n_given = self.outbox.packets.len();
-        assert!(n_given < MOST_MESSAGES, "gave out more than {MOST_MESSAGES} messages in one activation");
+        assert!(n_given < MAX_MESSAGES, "gave out more than {MAX_MESSAGES} messages in one activation");
         self.outbox.packets.push((port.index, Packet { stamp, payload: value.into() }));
     }
 
-    /// Gives out `value` as seen at `time` by this node, numbered by this node: for sources, and for nodes that make
-    /// a new stream out of many.
+    /// Emits `value` as seen at `time` by this node, numbered by this node: for sources, and for nodes that merge
+    /// several streams into one.
     pub fn emit_at<T: Message>(&mut self, port: &Out<T>, time: Time, value: impl Into<Arc<T>>) {
         self.check(port);
         let sequence = self.sequences[port.index];
@@ -188,19 +188,18 @@ impl Io<'_> {
         self.emit(port, Stamp { time, source: self.source, sequence }, value);
     }
 
-    /// Says that one of several long parts of an activation is done: a node that says nothing for a minute is left behind, and the run ends.
+    /// Reports progress within a long activation: a node that reports nothing for a minute is abandoned, and the run ends.
     pub fn still_working(&self) {
         if let Some(progress) = self.progress {
             progress.fetch_add(1 << 32, Ordering::Relaxed);
         }
     }
 
-    /// Says that a message that should have been there is not: counted on the port's edges, shown, and never silent.
-    /// Takes up one sequence number.
+    /// Declares a message as missing: the gap is counted on the port's edges and shown. Takes up one sequence number.
     pub fn gap<T: Message>(&mut self, port: &Out<T>, time: Time, reason: impl Display) {
         self.check(port);
         let n_given = self.outbox.gaps.len();
-        assert!(n_given < MOST_MESSAGES, "declared more than {MOST_MESSAGES} gaps in one activation");
+        assert!(n_given < MAX_MESSAGES, "declared more than {MAX_MESSAGES} gaps in one activation");
         self.sequences[port.index] += 1;
         self.outbox.gaps.push((port.index, Gap { time, reason: reason.to_string() }));
     }

@@ -1,15 +1,16 @@
-//! What the author of a node compiles against. Knows no TOML, no graphs and no threads.
+//! The interface for authors of nodes. It knows no TOML, no graphs and no threads.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`node`], [`port`], [`io`] | what an author writes: a type with ports, settings and `process` |
-//! | [`figure`] | the figures that a type declares: name, unit, what is better, one line |
-//! | [`setup`], [`report`], [`error`] | what a node is given when it is made, what it leaves behind, what it may complain about |
-//! | [`guard`] | what stands around every call of foreign code |
+//! | [`figure`] | the figures that a type declares: name, unit, which values are better, one line |
+//! | [`setup`], [`report`], [`error`] | what a node gets when it is made, what it reports at the end, the errors that it may return |
+//! | [`given`] | settings as a rig gives them, read into those of a node |
+//! | [`guard`] | the guard around every call of foreign code |
 //! | [`bench`] | runs one node without a rig, for tests |
-//! | [`registry`] | the node types that a program knows, erased |
+//! | [`registry`] | the node types that a program knows, type-erased |
 //! | [`library`] | where node types come from, and libraries of them that a program opens while it runs |
-//! | [`page`] | pages in a browser: what a node puts up, and how it talks to it |
+//! | [`page`] | pages in a browser: what a node serves, and how it talks to its page |
 //! | [`scale`] | the scales at run time: who carries a scale's space, and where it is |
 //! | [`setting_docs`] | the settings of a node type for people |
 
@@ -17,7 +18,7 @@ pub mod bench;
 pub mod detector;
 pub mod error;
 pub mod figure;
-mod given;
+pub mod given;
 pub mod guard;
 pub mod io;
 pub mod library;

@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use foveate_messages::{Message, Space, Time, Wire};
 
-/// A device at the other end of a line, on the logical clock of the run: what is written reaches it after the time that bytes take.
+/// A device at the other end of a line, on the logical clock of the run: written bytes arrive after their transmission time.
 ///
-/// Times given never go back.
+/// Times passed in never decrease.
 pub trait Device: Send {
     /// The driver writes `bytes` at `now`.
     fn write(&mut self, now: Time, bytes: &[u8]);
@@ -14,13 +14,13 @@ pub trait Device: Send {
     /// The bytes that have reached the driver by `now` since it read last: any piece of a stream, or one datagram.
     fn read(&mut self, now: Time, bytes: &mut Vec<u8>);
 
-    /// Whether bytes go in datagrams: one a write, at most one a read. Otherwise they are a stream.
+    /// Whether bytes travel as datagrams: one per write, at most one per read. Otherwise they are a stream.
     fn has_datagrams(&self) -> bool {
         false
     }
 }
 
-/// A [`Device`] as a message: given out once at the start, held by whoever talks to it.
+/// A [`Device`] as a message: emitted once at the start, held by each node that talks to the device.
 #[derive(Clone)]
 pub struct Line(Arc<Mutex<dyn Device>>);
 

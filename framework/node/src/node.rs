@@ -19,9 +19,9 @@ pub enum Role {
     Source,
     /// Finds features in pictures.
     Detector,
-    /// Joins observations into targets.
+    /// Fuses observations into targets.
     Integrator,
-    /// Mends an inadequacy of the data on one edge.
+    /// Improves the data on one edge.
     ModelFilter,
     /// Says what the next scale looks at.
     Selector,
@@ -46,7 +46,7 @@ impl Role {
     }
 }
 
-/// When a source wants to be asked next.
+/// When a source wants to be activated next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Due {
     /// At this moment of the session clock; the message may be of an earlier capture time (delivery takes time).

@@ -1,4 +1,4 @@
-//! Pages that people open in a browser while a rig runs: what a node puts up, and how it talks to it.
+//! Pages that people open in a browser while a rig runs: what a node serves, and how it talks to its page.
 //!
 //! The server stands outside the deterministic part of a run (room `web`), as a camera's driver does. A page that only shows what a run does may be part of any
 //! run. A node that lets something of its page into the run works on a device ([`Node::LIVE`](crate::Node::LIVE)): what happens on the page carries the time of its arrival on the server's clock, which the node carries to the session's.
@@ -6,7 +6,7 @@
 use std::fmt::{self, Debug};
 use std::sync::Arc;
 
-/// A page to be put up.
+/// A page to be served.
 pub struct Page {
     /// Its HTML. It finds the other side of its [`PageLink`] through `/foveate.js`, which the server has.
     pub html: &'static str,
@@ -14,7 +14,7 @@ pub struct Page {
     pub files: Arc<Files>,
 }
 
-/// A file of that name, made when it is asked for; `None` where there is no such file.
+/// A file of that name, made on request; `None` where there is no such file.
 pub type Files = dyn Fn(&str) -> Option<PageFile> + Send + Sync;
 
 /// A file of a page.
@@ -48,7 +48,7 @@ pub enum PageNews {
     Opened,
     /// It sent this text.
     Text(String),
-    /// It was closed, or the server gave it up: why.
+    /// It was closed, by the browser or by the server: why.
     Closed(String),
 }
 
@@ -60,7 +60,7 @@ pub trait PageLink: Send {
     /// The server's clock, which runs evenly and never goes back [ns].
     fn now(&self) -> i64;
 
-    /// The oldest event that was not taken yet. The queue is bounded: of a page that sends more than is taken, messages are dropped and counted.
+    /// The oldest event that was not taken yet. The queue is bounded: where a page sends more than is taken, messages are dropped and counted.
     fn take(&mut self) -> Option<PageEvent>;
 
     /// Sends a text to one window; `false` where that is closed, or reads so slowly that the message is skipped.
@@ -72,7 +72,7 @@ pub trait PageLink: Send {
 
 /// What serves pages to browsers.
 pub trait PageServer: Send + Sync {
-    /// Puts `page` up for the node `instance`; a page that the same node put up before goes.
+    /// Serves `page` for the node `instance`, in place of an earlier page of the same node.
     ///
     /// # Errors
     /// A sentence: no address to serve at, a name that is taken.
@@ -89,7 +89,7 @@ impl Pages {
         Pages(Some(server))
     }
 
-    /// [`PageServer::open`]; `None` where the run has no server: its nodes do what they can without.
+    /// [`PageServer::open`]; `None` where the run has no server: nodes then work without a page.
     ///
     /// # Errors
     /// As there.

@@ -1,15 +1,15 @@
-//! Buffers that are used again, so that the steady state allocates nothing.
+//! Buffers that are reused, so that the steady state allocates nothing.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
-/// Keeps hold of what a node has emitted, and hands it out again once every receiver has let go.
+/// Keeps the values that a node has emitted, and reuses each once every receiver has dropped it.
 #[derive(Debug)]
 pub struct Pool<T> {
     lent: Vec<Arc<T>>,
 }
 
-/// A value that nobody else sees yet: fill it, then [`Pool::share`] it.
+/// A value with one owner: fill it, then [`Pool::share`] it.
 #[derive(Debug)]
 pub struct Fresh<T>(Arc<T>);
 

@@ -1,4 +1,4 @@
-//! Typed ports: how a node takes messages in and gives them out.
+//! Typed ports: how a node receives and emits messages.
 
 use std::any::TypeId;
 use std::marker::PhantomData;
@@ -19,15 +19,15 @@ pub enum InputPolicy {
     /// and triggers with the newest message of that source; the others are counted as dropped [Davis 2002 §3.5].
     NewestOfEach,
     /// When the node is free: empties the queues and triggers with the newest message of all, by capture time. A source whose
-    /// clock is ahead starves the others [Davis 2002 §3.5]; here to be compared with.
+    /// clock is ahead starves the others [Davis 2002 §3.5]; here for comparison.
     Newest,
     /// When the node is free: triggers with the newest message of the next source in turn that has one; the others keep theirs.
-    /// Starves nobody, but what a slow source gave grows old before its turn [Davis 2002 §3.5].
+    /// Starves no source, but messages of a slow source grow old before its turn [Davis 2002 §3.5].
     RoundRobin,
 }
 
 impl InputPolicy {
-    /// The ways between which a rig may choose (`policy = "…"`), by their names there.
+    /// The policies between which a rig may choose (`policy = "…"`), by their names there.
     pub const CHOICES: [(&'static str, InputPolicy); 4] = [
         ("each", InputPolicy::Each),
         ("newest_of_each", InputPolicy::NewestOfEach),

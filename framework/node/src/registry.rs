@@ -17,7 +17,7 @@ use crate::report::Report;
 use crate::scale::ScaleAnchor;
 use crate::setup::Setup;
 
-/// What stands in the table of a node in a rig beside its settings: no setting can have such a name.
+/// The reserved keys of a node's table in a rig: no setting can have such a name.
 pub const RIG_WORDS: [&str; 8] = ["type", "each", "camera", "on_error", "cost_ms", "cost_jitter_ms", "in", "require"];
 
 /// The node types that a program knows, by name.
@@ -27,7 +27,7 @@ pub struct Registry {
     pub(crate) open: Option<OpenLibrary>,
 }
 
-/// One node type, erased.
+/// One node type, type-erased.
 pub struct NodeType {
     /// [`Node::TYPE`].
     pub name: &'static str,
@@ -52,18 +52,18 @@ impl NodeType {
     ///
     /// # Errors
     /// What cannot be read, with the dotted path of the setting.
-    pub fn decode(&self, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
+    pub fn decode(&self, given: given::Table) -> Result<Box<dyn Settings>, ConfigError> {
         (self.decoder)(given)
     }
 }
 
 /// Reads the settings of a node type.
-pub type Decode = dyn Fn(toml::Table) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
+pub type Decode = dyn Fn(given::Table) -> Result<Box<dyn Settings>, ConfigError> + Send + Sync;
 
 /// Makes a node out of its settings.
 type Make<N> = dyn Fn(<N as Node>::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync;
 
-/// The settings of one node, erased.
+/// The settings of one node, type-erased.
 pub trait Settings: Send + Sync {
     /// Makes the node.
     ///
@@ -80,7 +80,7 @@ pub trait Settings: Send + Sync {
     fn is_live(&self) -> bool;
 }
 
-/// A node, erased.
+/// A node, type-erased.
 pub trait ErasedNode: Send {
     /// [`Node::process`].
     ///
@@ -137,33 +137,33 @@ impl<N: Node> Settings for SettingsOf<N> {
     }
 }
 
-fn decode<N: Node>(given: toml::Table, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, ConfigError> {
-    let given = given::read(&toml::Value::Table(given))?;
+fn decode<N: Node>(given: given::Table, make: &Arc<Make<N>>) -> Result<Box<dyn Settings>, ConfigError> {
+    let given = given::read(&given::Value::Table(given))?;
     Ok(Box::new(SettingsOf::<N> { given, make: Arc::clone(make) }))
 }
 
 impl Registry {
-    /// Knows what every rig may need: `scale.anchor`.
+    /// A registry with the one node type that every rig may need: `scale.anchor`.
     pub fn new() -> Self {
         let mut registry = Self { types: BTreeMap::new(), open: None };
         registry.add::<ScaleAnchor>();
         registry
     }
 
-    /// Makes node type `N` known.
+    /// Registers node type `N`.
     ///
     /// # Panics
     /// When the name is taken or is not `plugin.node`, or a figure is declared twice or wrongly ([`figure::check`]): a mistake in the program's source.
     pub fn add<N: Node>(&mut self) {
-        self.add_made::<N>(N::new);
+        self.add_with::<N>(N::new);
     }
 
-    /// Makes node type `N` known, whose nodes `make` makes in place of [`Node::new`]: so a program gives its nodes something of
+    /// Registers node type `N` with the constructor `make` in place of [`Node::new`], so that a program can hand its nodes something of
     /// its own, such as a channel to itself.
     ///
     /// # Panics
     /// As [`Registry::add`].
-    pub fn add_made<N: Node>(
+    pub fn add_with<N: Node>(
         &mut self,
         make: impl Fn(N::Settings, &Setup) -> Result<N, ConfigError> + Send + Sync + 'static,
     ) {

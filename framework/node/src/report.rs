@@ -1,4 +1,4 @@
-//! What a run leaves behind: figures under dotted names, and files.
+//! What a run reports: figures under dotted names, and files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::figure::{self, FigureSpec, Figures};
 pub struct Report {
     /// Figures by dotted name with the unit in it (`reprojection_px.median`); NaN where there was nothing to measure.
     pub figures: BTreeMap<String, f64>,
-    /// By figure: the full name of the node that gave it, in the report of a whole run; figures of the run itself have none.
+    /// By figure: the full name of the node that reported it, in the report of a whole run; figures of the run itself have none.
     pub origins: BTreeMap<String, String>,
     /// By figure: how it was declared, in the report of a whole run; figures that were not declared are missing.
     pub about: BTreeMap<String, &'static FigureSpec>,
@@ -61,7 +61,7 @@ impl Report {
         undeclared
     }
 
-    /// Puts the figure `name`, which its node did not declare, under the name of that node's instance.
+    /// Renames the figure `name`, which its node did not declare, to one with that node's instance.
     fn set_apart(&mut self, name: &str) {
         let (Some(value), Some(origin)) = (self.figures.remove(name), self.origins.remove(name)) else { return };
         self.remark(format!("{origin} reports `{name}`, which another node declares: it is `{name}[{origin}]`"));
@@ -91,7 +91,7 @@ impl Report {
         Ok(())
     }
 
-    /// Adds a sentence; what was said already is not said again.
+    /// Adds a sentence, unless it is there already.
     pub fn remark(&mut self, text: impl Into<String>) {
         let text = text.into();
         if !self.remarks.contains(&text) {

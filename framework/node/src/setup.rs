@@ -1,4 +1,4 @@
-//! What a node is given when it is made: its place in the rig, its camera, randomness, folders.
+//! What a node gets when it is made: its place in the rig, its camera, randomness, folders.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use crate::port::In;
 use crate::scale::ScaleTree;
 use foveate_scene::selection::matches;
 
-/// Where the recordings lie when the environment variable `FOVEATE_DATA` is not set.
+/// The folder of recordings where the environment variable `FOVEATE_DATA` is not set.
 const DATA_DEFAULT: &str = "../shared/data";
 
 /// Why a node is made.
@@ -30,7 +30,7 @@ pub enum Purpose {
     Run,
 }
 
-/// What a node is given when it is made.
+/// What a node gets when it is made.
 #[derive(Debug, Clone)]
 pub struct Setup {
     /// Full name: scale, node, camera: `room.leds[wide-3]`.
@@ -59,13 +59,13 @@ pub struct Setup {
     pub out_dir: Option<PathBuf>,
     /// Why the node is made.
     pub purpose: Purpose,
-    /// Who writes which file of the results; shared by all nodes of a rig.
+    /// Which node writes which file of the results; shared by all nodes of a rig.
     pub claims: Claims,
     /// What serves pages to browsers while the rig runs.
     pub pages: Pages,
 }
 
-/// Who writes which file of the results, and what nodes name of each other's.
+/// Which node writes which file of the results, and the references between nodes.
 #[derive(Debug, Clone)]
 pub struct Claims(Arc<Mutex<Claimed>>);
 
@@ -75,12 +75,12 @@ struct Claimed {
     owners: BTreeMap<String, String>,
     /// By kind, the names that nodes offer.
     offered: BTreeMap<&'static str, BTreeSet<String>>,
-    wanted: Vec<Wanted>,
+    references: Vec<NameReference>,
 }
 
 /// A name that a node's setting states, of something that another node has.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Wanted {
+pub struct NameReference {
     /// The setting.
     pub setting: String,
     /// What it is, as in "tile".
@@ -90,9 +90,9 @@ pub struct Wanted {
 }
 
 impl Claims {
-    /// The wishes since the last call.
-    pub fn take_wanted(&self) -> Vec<Wanted> {
-        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner).wanted)
+    /// The references noted since the last call.
+    pub fn take_references(&self) -> Vec<NameReference> {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner).references)
     }
 
     /// The names of that kind that nodes offer, in order; none where no node offers any.
@@ -107,10 +107,10 @@ const RESERVED: [&str; 6] =
     ["summary.json", "ledger.csv", "events.csv", "timing.json", "rig.resolved.toml", "graph.svg"];
 
 impl Default for Claims {
-    /// Nobody writes anything yet, but for the program itself.
+    /// Claims of the program itself, and of no node yet.
     fn default() -> Self {
         let owners = RESERVED.iter().map(|&it| (it.to_owned(), "foveate".to_owned())).collect();
-        Self(Arc::new(Mutex::new(Claimed { owners, offered: BTreeMap::new(), wanted: Vec::new() })))
+        Self(Arc::new(Mutex::new(Claimed { owners, offered: BTreeMap::new(), references: Vec::new() })))
     }
 }
 
@@ -136,7 +136,7 @@ impl Setup {
         }
     }
 
-    /// Keeps file `name` of the results folder for this instance, so that no other node writes over it.
+    /// Claims file `name` of the results folder for this instance, so that no other node overwrites it.
     ///
     /// # Errors
     /// Points at `setting` and names the node that writes that file already.
@@ -152,26 +152,26 @@ impl Setup {
         }
     }
 
-    /// Keeps something else that only one node can have, such as a serial port, for this instance.
+    /// Claims something else that only one node can have, such as a serial port.
     ///
     /// # Errors
-    /// Points at `setting`, in the words of `message`, which is given the node that has it already.
+    /// Points at `setting`, with the text of `message`, which gets the node that has claimed it already.
     pub fn claim(&self, setting: &str, thing: &str, message: impl Fn(&str) -> String) -> Result<(), ConfigError> {
         // No file of the results has a name like this.
         let owner = self.other_owner(&format!("{setting}/{thing}"));
         owner.map_or(Ok(()), |it| Err(ConfigError::at(setting, message(&it))))
     }
 
-    /// Tells the rig that other nodes may name `name`, a thing of that kind, as in "tile".
+    /// Declares `name`, a thing of that kind (such as "tile"), for other nodes to refer to.
     pub fn offer(&self, kind: &'static str, name: &str) {
         let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
         claims.offered.entry(kind).or_default().insert(name.to_owned());
     }
 
-    /// Names something of another node: where nodes of the rig offer some of that kind and none of this name, the rig is refused, and `setting` is pointed at.
-    pub fn want(&self, setting: &str, kind: &'static str, name: &str) {
+    /// Refers to something of another node. Where nodes of the rig offer things of that kind and none of this name, the rig is refused at `setting`.
+    pub fn refer(&self, setting: &str, kind: &'static str, name: &str) {
         let mut claims = self.claims.0.lock().unwrap_or_else(PoisonError::into_inner);
-        claims.wanted.push(Wanted { setting: setting.to_owned(), kind, name: name.to_owned() });
+        claims.references.push(NameReference { setting: setting.to_owned(), kind, name: name.to_owned() });
     }
 
     fn other_owner(&self, thing: &str) -> Option<String> {

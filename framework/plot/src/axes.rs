@@ -1,4 +1,4 @@
-//! Axes: what a range of values becomes on paper.
+//! Axes: maps from values to positions in a figure.
 
 use crate::svg::{Anchor, Font, Pen, Point, Rect, SMALL, Svg, TEXT};
 use crate::text::{fitted_label, text_width};
@@ -7,14 +7,14 @@ use crate::ticks::Ticks;
 /// A range of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// Its lower end.
+    /// Lower end.
     pub min: f64,
-    /// Its upper end.
+    /// Upper end.
     pub max: f64,
 }
 
 impl Range {
-    /// Of finite values; `None` without any.
+    /// Range of the finite values; `None` without any.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         // Lengths of ranges must stay finite.
         let finite = values.into_iter().filter(|it| it.is_finite()).map(|it| it.clamp(-1e300, 1e300));
@@ -24,7 +24,7 @@ impl Range {
         })
     }
 
-    /// Of most of `values`: where a few of them lie far off, they do not count.
+    /// Range of most of `values`, without a few far outliers.
     pub fn of_most(values: &mut [f64]) -> Option<Self> {
         let whole = Self::of(values.iter().copied())?;
         values.sort_unstable_by(f64::total_cmp);
@@ -34,52 +34,52 @@ impl Range {
         Some(if whole.length() <= 2.0 * most.length() { whole } else { most.widened(0.1) })
     }
 
-    /// From end to end.
+    /// Length of the range.
     pub fn length(&self) -> f64 {
         self.max - self.min
     }
 
-    /// The least range that holds both.
+    /// The smallest range that contains both.
     pub fn union(self, other: Option<Range>) -> Self {
         other.map_or(self, |it| Range { min: self.min.min(it.min), max: self.max.max(it.max) })
     }
 
-    /// Longer by `share` of its length at either end; a point becomes a short range.
+    /// The range extended by `share` of its length at either end; a point becomes a short range.
     pub fn widened(self, share: f64) -> Self {
         let by = if self.length() > 0.0 { self.length() * share } else { (self.min.abs() * share).max(1e-3) };
         Range { min: self.min - by, max: self.max + by }
     }
 
-    /// With the same middle, so long.
+    /// A range of this length with the same middle.
     pub fn around_middle(self, length: f64) -> Self {
         let middle = 0.5 * self.min + 0.5 * self.max;
         Range { min: middle - 0.5 * length, max: middle + 0.5 * length }
     }
 }
 
-/// How values lie along one side of a panel. [`Span::linear`] and [`Span::logarithmic`] make one that can be drawn of any range.
+/// Scale of one side of a panel: a range, linear or logarithmic. [`Span::linear`] and [`Span::logarithmic`] make a drawable one of any range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// What is shown.
+    /// Range that is shown.
     pub range: Range,
-    /// Whether equal factors are equally long.
+    /// Whether the scale is logarithmic.
     pub log: bool,
-    /// Whether the low end lies at the top or at the right, as rows of images do.
+    /// Whether the low end lies at the top or at the right, as for rows of images.
     pub down: bool,
 }
 
 impl Span {
-    /// A range without extent becomes a short one, one that is not finite 0 to 1.
+    /// A linear scale; an empty range becomes a short one, one that is not finite 0 to 1.
     pub fn linear(range: Range) -> Self {
         let is_sound = range.length().is_finite() && range.length() >= 0.0;
         let range = if is_sound { range } else { Range { min: 0.0, max: 1.0 } };
-        // Between neighbouring numbers of the machine no position can be told.
+        // Between neighbouring numbers of the machine no position can be resolved.
         let is_long = range.length() > 1e-13 * range.min.abs().max(range.max.abs());
         let range = if is_long { range } else { range.around_middle(0.0).widened(0.05) };
         Self { range, log: false, down: false }
     }
 
-    /// Widened to whole decades where it spans less than one; 0.1 to 10 where it does not lie above 0.
+    /// A logarithmic scale, widened to whole decades where it spans less than one; 0.1 to 10 where the range does not lie above 0.
     pub fn logarithmic(Range { min, max }: Range) -> Self {
         let is_sound = min > 0.0 && max >= min && max.is_finite();
         let (mut min, mut max) = if is_sound { (min.max(1e-290), max.clamp(1e-290, 1e290)) } else { (0.1, 10.0) };
@@ -90,7 +90,7 @@ impl Span {
         Self { range: Range { min, max }, log: true, down: false }
     }
 
-    /// 0 at the left or lower end, 1 at the other; no number where the value has no place.
+    /// Relative position of a value: 0 at the left or lower end, 1 at the other; NaN where it has none.
     pub fn part(&self, value: f64) -> f64 {
         let Range { min, max } = self.range;
         let part = match self.log {
@@ -111,29 +111,29 @@ impl From<Range> for Span {
 /// A frame with two axes.
 #[derive(Debug, Clone, Copy)]
 pub struct Panel {
-    /// Where it lies in the figure [px].
+    /// Rectangle of the frame in the figure [px].
     pub rect: Rect,
-    /// To the right.
+    /// Scale to the right.
     pub x: Span,
-    /// Upwards.
+    /// Scale upwards.
     pub y: Span,
 }
 
-/// What is written at the axes of a panel.
+/// Labels at the axes of a panel.
 #[derive(Debug, Clone, Copy)]
 pub struct Labels<'a> {
-    /// `None`: neither a label nor numbers, as another panel below has them.
+    /// Label of the axis to the right; `None`: neither a label nor numbers, for example above another panel.
     pub x: Option<&'a str>,
-    /// What the values upwards are.
+    /// Label of the axis upwards.
     pub y: &'a str,
-    /// Distance of the ticks across and upwards; `None`: what the space allows.
+    /// Distance of the ticks on either axis; `None`: as the space allows.
     pub steps: [Option<f64>; 2],
-    /// Names of rows, in place of numbers upwards: the first at 0.5, the next at 1.5.
+    /// Names of rows in place of numbers upwards: the first at 0.5, the next at 1.5.
     pub rows: &'a [String],
 }
 
 impl<'a> Labels<'a> {
-    /// With ticks as the space allows.
+    /// Labels with ticks as the space allows.
     pub fn new(x: Option<&'a str>, y: &'a str) -> Self {
         Self { x, y, steps: [None; 2], rows: &[] }
     }
@@ -143,12 +143,12 @@ impl<'a> Labels<'a> {
 const GAP: f64 = 6.0;
 
 impl Panel {
-    /// Values of these ranges or spans in `rect`.
+    /// A panel in `rect` with these ranges or scales.
     pub fn new(rect: Rect, x: impl Into<Span>, y: impl Into<Span>) -> Self {
         Self { rect, x: x.into(), y: y.into() }
     }
 
-    /// Where the values lie in the figure [px]; no numbers where they have no place.
+    /// Position of values in the figure [px]; NaN where they have none.
     pub fn place(&self, x: f64, y: f64) -> Point {
         [self.rect.left + self.x.part(x) * self.rect.width, self.rect.bottom() - self.y.part(y) * self.rect.height]
     }
@@ -174,7 +174,7 @@ impl Panel {
         Ticks::of(&self.y, (self.rect.height / 34.0).max(2.0), step.filter(is_wide))
     }
 
-    /// How far labels and numbers reach out of the left side [px].
+    /// Width of labels and numbers left of the frame [px].
     pub fn left_margin(&self, labels: &Labels<'_>) -> f64 {
         if labels.y.is_empty() { 4.0 + GAP + self.widest(labels) } else { self.label_out(labels) + TEXT }
     }
@@ -192,7 +192,7 @@ impl Panel {
         }
     }
 
-    /// Grid, ticks, numbers, labels; draw it before the lines, and [`Self::frame`] after them.
+    /// Draws grid, ticks, numbers and labels; call it before the lines, and [`Self::frame`] after them.
     pub fn background(&self, svg: &mut Svg, labels: Labels<'_>) {
         let Rect { left, top, width, height } = self.rect;
         let (right, bottom) = (self.rect.right(), self.rect.bottom());
@@ -231,7 +231,7 @@ impl Panel {
         svg.text_upwards([left - out, (top + bottom) / 2.0], TEXT, &label);
     }
 
-    /// The edge.
+    /// Draws the edge of the frame.
     pub fn frame(&self, svg: &mut Svg) {
         svg.rect(self.rect, "none", Some(Pen::new(svg.theme().edge, 1.0)));
     }

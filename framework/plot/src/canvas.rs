@@ -1,19 +1,19 @@
-//! Marks on a copy of a picture, and the picture as PNG.
+//! Marks on a copy of a picture, as PNG.
 
 /// A picture to draw on: RGB, enlarged.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Canvas {
-    /// [px]
+    /// Width [px].
     pub width: u32,
-    /// [px]
+    /// Height [px].
     pub height: u32,
     /// Three bytes a pixel, row by row.
     pub pixels: Vec<u8>,
     zoom: u32,
 }
 impl Canvas {
-    /// A copy of a picture of that width [px] and so many bytes a pixel (1: gray, 3: RGB), in which each pixel is `zoom` × `zoom`
-    /// pixels, and levels are multiplied by `gain`. A last row that is not whole is left out.
+    /// A copy of a picture of that width [px] with `channels` bytes per pixel (1: gray, 3: RGB). Each pixel becomes
+    /// `zoom` × `zoom` pixels, and levels are multiplied by `gain`. An incomplete last row is left out.
     pub fn of(pixels: &[u8], width: u32, channels: usize, zoom: u32, gain: f64) -> Self {
         let row_length = (width as usize * channels).max(1);
         let height = (pixels.len() / row_length) as u32;
@@ -31,7 +31,7 @@ impl Canvas {
         Self { width: width * zoom, height: height * zoom, pixels: copy, zoom }
     }
 
-    /// The picture as a PNG file; or why there is none.
+    /// The picture as a PNG file, or why it cannot be encoded.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
@@ -49,8 +49,7 @@ impl Canvas {
         ((x + 0.5) * zoom - 0.5, (y + 0.5) * zoom - 0.5)
     }
 
-    /// A ring around (x, y) of the camera's picture: `radius` in its pixels, one and a half pixels of the canvas wide, with
-    /// soft edges.
+    /// Draws a ring around (x, y) of the camera's picture: `radius` in its pixels, one and a half pixels of the canvas wide, antialiased.
     pub fn ring(&mut self, x: f64, y: f64, radius: f64, colour: [u8; 3]) {
         const HALF_WIDTH: f64 = 0.75;
         let (cx, cy) = self.place(x, y);
@@ -70,7 +69,7 @@ impl Canvas {
         }
     }
 
-    /// A line between two points (x, y) of the camera's picture, `width` of its pixels wide, with soft edges and round ends.
+    /// Draws a line between two points (x, y) of the camera's picture, `width` of its pixels wide, antialiased, with round ends.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], width: f64, colour: [u8; 3]) {
         let ([ax, ay], [bx, by]) =
             (<[f64; 2]>::from(self.place(from[0], from[1])), <[f64; 2]>::from(self.place(to[0], to[1])));
@@ -92,7 +91,7 @@ impl Canvas {
         }
     }
 
-    /// The pixel of the camera's picture in column `x` of row `y`, of which the part `cover` becomes `colour`. Nothing outside.
+    /// Blends `colour` into the pixel of the camera's picture in column `x` of row `y`, with opacity `cover`. Nothing outside the picture.
     pub fn tint(&mut self, x: u32, y: u32, colour: [u8; 3], cover: f64) {
         for row in y * self.zoom..((y + 1) * self.zoom).min(self.height) {
             for column in x * self.zoom..((x + 1) * self.zoom).min(self.width) {
@@ -101,7 +100,7 @@ impl Canvas {
         }
     }
 
-    /// Those pixels of the camera's picture that are in `region` (by column and row) and have a neighbour across a side that is not, or is outside.
+    /// Colours those pixels of `region` (by column and row) that have a neighbour across a side outside of it.
     pub fn outline(&mut self, region: impl Fn(u32, u32) -> bool, colour: [u8; 3]) {
         let [width, height] = [self.width, self.height].map(|it| it / self.zoom.max(1));
         let inside = |x: Option<u32>, y: Option<u32>| match (x, y) {

@@ -1,7 +1,6 @@
-//! Charts: series of points in frames with axes, in a grid, with a legend beside it.
+//! Charts: series of points in frames with axes, in a grid, with a legend.
 //!
-//! Who has data says what they are ([`Series`], [`Axis`], [`Chart`], [`Figure`]); margins, ticks, colours of axes, thinning and the
-//! legend follow from them.
+//! The caller describes the data ([`Series`], [`Axis`], [`Chart`], [`Figure`]); margins, ticks, colours of axes, thinning and the legend follow.
 
 use crate::axes::{Labels, Panel, Range, Span};
 use crate::colours::Theme;
@@ -16,44 +15,44 @@ use crate::ticks::round_step;
 pub enum Marks {
     /// A line through the points of each piece.
     Line,
-    /// Dots of that radius [px].
+    /// Dots of this radius [px].
     Dots(f64),
-    /// A line from each point with an even place to the next one.
+    /// A line from each point with an even index to the next one.
     Strokes,
-    /// Each piece is the outline of an area, so opaque.
+    /// Each piece is the outline of an area, with this opacity.
     Areas(f64),
 }
 
-/// Points that belong together.
+/// A series of points, drawn in one way and named in the legend.
 #[derive(Debug, Clone)]
 pub struct Series<'a> {
-    /// What the legend says; empty: nothing.
+    /// Name in the legend; empty: none.
     pub name: String,
-    /// How it is drawn.
+    /// How the points are drawn.
     pub marks: Marks,
-    /// With what.
+    /// Colour and line style.
     pub pen: Pen<'a>,
-    /// In pieces, between which no line is drawn, in the units of the axes.
+    /// Points in the units of the axes, in pieces between which no line is drawn.
     pub pieces: Vec<Vec<Point>>,
 }
 
 impl<'a> Series<'a> {
-    /// In one piece.
+    /// A series in one piece.
     pub fn new(name: impl Into<String>, marks: Marks, pen: Pen<'a>, points: Vec<Point>) -> Self {
         Self { name: name.into(), marks, pen, pieces: vec![points] }
     }
 
-    /// A line.
+    /// A series drawn as a line.
     pub fn line(name: impl Into<String>, colour: &'a str, points: Vec<Point>) -> Self {
         Self::new(name, Marks::Line, Pen::new(colour, 1.4), points)
     }
 
-    /// Dots.
+    /// A series drawn as dots.
     pub fn dots(name: impl Into<String>, colour: &'a str, points: Vec<Point>) -> Self {
         Self::new(name, Marks::Dots(1.5), Pen::new(colour, 1.0), points)
     }
 
-    /// Bars from 0 upwards: from one x to the next, so high.
+    /// A series drawn as bars from 0 upwards: each [from x, to x, height].
     pub fn bars(name: impl Into<String>, colour: &'a str, bars: impl IntoIterator<Item = [f64; 3]>) -> Self {
         let outline = |[from, to, value]: [f64; 3]| {
             // A narrow gap between neighbours.
@@ -64,7 +63,7 @@ impl<'a> Series<'a> {
         Self { name: name.into(), marks: Marks::Areas(0.75), pen: Pen::new(colour, 1.0), pieces }
     }
 
-    /// The same, dashed.
+    /// The same series, dashed.
     pub fn dashed(self) -> Self {
         Self { pen: self.pen.dashed("5 3.5"), ..self }
     }
@@ -92,49 +91,49 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// With this label, which ends with the unit in brackets; it shows all data.
+    /// An axis with this label, which ends with the unit in brackets; it shows all data.
     pub fn new(label: impl Into<String>) -> Self {
         Self { label: label.into(), ..Self::default() }
     }
 
-    /// In place of numbers, named rows, for y: the first at the top, row number `i` at [`Self::row`].
+    /// A y axis of named rows in place of numbers: the first at the top, row number `i` at [`Self::row`].
     pub fn of_rows(names: impl IntoIterator<Item = String>) -> Self {
         let rows: Vec<String> = names.into_iter().map(|it| fitted(&it, SMALL, 170.0)).collect();
         let range = Some(Range { min: 0.0, max: rows.len().max(1) as f64 });
         Self { range, rows, down: true, ..Self::default() }
     }
 
-    /// The middle of a row.
+    /// Position of the middle of a row.
     pub fn row(index: usize) -> f64 {
         index as f64 + 0.5
     }
 
-    /// It shows this, whatever the data are.
+    /// The axis with this range, whatever the data are.
     pub fn over(self, min: f64, max: f64) -> Self {
         Self { range: Some(Range { min, max }), ..self }
     }
 
-    /// Equal factors are equally long; what is not positive has no place.
+    /// The axis with a logarithmic scale; values that are not positive are not drawn.
     pub fn log(self) -> Self {
         Self { log: true, ..self }
     }
 
-    /// Its low end is at the top, as in images.
+    /// The axis with its low end at the top, as in images.
     pub fn down(self) -> Self {
         Self { down: true, ..self }
     }
 
-    /// It shows 0, wherever the data are.
+    /// The axis with a range that includes 0.
     pub fn from_zero(self) -> Self {
         Self { zero: true, ..self }
     }
 
-    /// Its numbers are whole ones, for what is counted.
+    /// The axis with whole numbers, for counts.
     pub fn whole(self) -> Self {
         Self { whole: true, ..self }
     }
 
-    /// Without label and numbers, as the chart below has them.
+    /// The axis without label and numbers, above another chart with the same axis.
     pub fn hidden(self) -> Self {
         Self { hidden: true, ..self }
     }
@@ -158,49 +157,49 @@ impl Axis {
     }
 }
 
-/// A frame with two axes and what is drawn in it.
+/// A frame with two axes and its series.
 #[derive(Debug, Clone)]
 pub struct Chart<'a> {
-    /// Over it; empty: nothing.
+    /// Title above the frame; empty: none.
     pub title: String,
-    /// Of the frame [px].
+    /// Size of the frame [px].
     pub size: [f64; 2],
-    /// To the right.
+    /// Axis to the right.
     pub x: Axis,
-    /// Upwards.
+    /// Axis upwards.
     pub y: Axis,
-    /// Whether a unit to the right is as long as one upwards: axes show more than asked for where they must.
+    /// Whether both axes have the same scale; their ranges are then extended as needed.
     pub equal: bool,
-    /// From the back to the front.
+    /// Series, from the back to the front.
     pub series: Vec<Series<'a>>,
-    /// What is said where no series has a point.
+    /// Text where no series has a point.
     pub if_empty: String,
 }
 
 impl<'a> Chart<'a> {
-    /// Without series so far.
+    /// A chart without series.
     pub fn new(title: impl Into<String>, size: [f64; 2], x: Axis, y: Axis) -> Self {
         let (series, if_empty) = (Vec::new(), "no data".to_owned());
         Self { title: title.into(), size, x, y, equal: false, series, if_empty }
     }
 
-    /// With one more series, over the others.
+    /// The chart with one more series in front.
     pub fn with(mut self, series: Series<'a>) -> Self {
         self.series.push(series);
         self
     }
 
-    /// A unit is as long on either axis.
+    /// The chart with the same scale on both axes.
     pub fn equal(self) -> Self {
         Self { equal: true, ..self }
     }
 
-    /// What is said where no series has a point.
+    /// The chart with this text where no series has a point.
     pub fn if_empty(self, text: impl Into<String>) -> Self {
         Self { if_empty: text.into(), ..self }
     }
 
-    /// An element of a page: without title and legend, in the page's own colours and font.
+    /// The chart as an element of a page: without title and legend, in the page's own colours and font.
     pub fn element(&self, theme: Theme, class: &str, name: &str) -> String {
         let panel = self.panel([0.0; 2]);
         let [left, below] = [self.left(&panel), self.below()];
@@ -323,9 +322,9 @@ impl Series<'_> {
 /// Charts in a grid, row by row, under one title, with one legend.
 #[derive(Debug, Clone)]
 pub struct Figure<'a> {
-    /// Over all.
+    /// Title of the figure.
     pub title: String,
-    /// Charts side by side.
+    /// Number of charts side by side.
     pub n_columns: usize,
     /// The charts.
     pub charts: Vec<Chart<'a>>,
@@ -409,7 +408,7 @@ impl Figure<'_> {
     }
 }
 
-/// A figure that says that it shows nothing, and why.
+/// A figure without data, which states the reason.
 pub fn nothing(title: &str, why: &str) -> String {
     let mut svg = Svg::new(text_width(title, crate::svg::TITLE).clamp(640.0, 1000.0) + 40.0, 100.0, title);
     svg.text([16.0, 66.0], Anchor::Start, TEXT, &format!("nothing to show: {why}"));

@@ -1,33 +1,33 @@
-//! Colours: of series, of what lies on the paper, and shades for maps.
+//! Colours of series and backgrounds, and colour maps.
 
 /// Ten colours of series that stay apart for most eyes and in gray: the eight of M. Okabe and K. Ito, "Color universal design",
 /// 2008, without black and with a darker yellow, and three dark ones of P. Tol, "Colour schemes", SRON/EPS/TN/09-002.
 pub const COLOURS: [&str; 10] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#332288", "#56b4e9", "#882255", "#8a8a00", "#8c564b"];
-/// Series without a colour of their own.
+/// Colour of series without one of their own.
 pub const OTHERS: &str = "#b3a58f";
-/// What others are compared with, behind all else.
+/// Colour of a reference, behind all else.
 pub const REFERENCE: &str = "#9a9a9a";
 
-/// Colours of what is no datum. Any colour that SVG knows, or `var(--…)` within a page that declares it.
+/// Colours of everything that is not data. Any colour that SVG knows, or `var(--…)` within a page that declares it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Theme {
-    /// Titles and labels.
+    /// Colour of titles and labels.
     pub ink: &'static str,
-    /// Numbers at axes.
+    /// Colour of numbers at axes.
     pub muted: &'static str,
-    /// Lines at the numbers.
+    /// Colour of grid lines.
     pub grid: &'static str,
-    /// Frames.
+    /// Colour of frames.
     pub edge: &'static str,
-    /// What lies behind.
+    /// Colour of the background.
     pub paper: &'static str,
 }
 
-/// Dark on white.
+/// The default theme: dark on white.
 pub const PAPER: Theme = Theme { ink: "#222222", muted: "#333333", grid: "#e4e4e4", edge: "#222222", paper: "#ffffff" };
 
-/// From pale yellow (0) over green to dark blue (1): ever darker, so that it reads in gray too.
+/// Colour map from pale yellow (0) over green to dark blue (1): ever darker, so that it reads in gray too.
 pub fn shade(part: f64) -> String {
     const STOPS: [[f64; 3]; 5] =
         [[253.0, 231.0, 120.0], [122.0, 209.0, 81.0], [34.0, 168.0, 132.0], [42.0, 120.0, 142.0], [65.0, 44.0, 110.0]];
@@ -39,7 +39,7 @@ pub fn shade(part: f64) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-/// One of `n` levels for a part of the largest: 0 for nothing only.
+/// One of `n` levels for a part of the largest value; level 0 only for 0.
 pub fn level(part: f64, n: usize) -> usize {
     let most = n.saturating_sub(1);
     if part > 0.0 { ((part * most as f64).ceil() as usize).clamp(1, most.max(1)) } else { 0 }

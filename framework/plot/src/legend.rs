@@ -1,27 +1,27 @@
-//! The list that says what colours and signs mean. It stands beside the panels, never on them.
+//! Legends: a list of what colours and signs mean, beside the panels.
 
 use crate::svg::{Anchor, Font, Pen, Point, SMALL, Svg, TEXT};
 use crate::text::{fitted, text_width};
 
-/// Space that a legend has beside a figure [px].
+/// Width of a legend beside a figure [px].
 pub const LEGEND_WIDTH: f64 = 190.0;
 /// Height of an entry [px].
 pub const LINE_HEIGHT: f64 = 19.0;
 /// From the left of the key to the text [px].
 const KEY: f64 = 32.0;
 
-/// What stands before an entry.
+/// Symbol of an entry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Key<'a> {
     /// A stretch of line.
     Line(Pen<'a>),
-    /// Colour and opacity.
+    /// A filled area: colour and opacity.
     Swatch(&'a str, f64),
     /// A small circle with an edge.
     Dot {
-        /// Its colour.
+        /// Colour of the circle.
         fill: &'a str,
-        /// Its edge.
+        /// Colour of its edge.
         edge: &'a str,
     },
     /// The symbol of a camera.
@@ -37,45 +37,45 @@ pub struct Legend {
 }
 
 impl Legend {
-    /// A list whose upper left corner is there [px], [`LEGEND_WIDTH`] wide.
+    /// A list with its upper left corner at this point [px], [`LEGEND_WIDTH`] wide.
     pub fn at([left, top]: Point) -> Self {
         Self { left, next: top, width: LEGEND_WIDTH }
     }
 
-    /// The same of another width [px].
+    /// The list with another width [px].
     pub fn wide(self, width: f64) -> Self {
         Self { width, ..self }
     }
 
-    /// The width that `texts` need [px].
+    /// Width of a list with these `texts` [px].
     pub fn width_of<'t>(texts: impl IntoIterator<Item = &'t str>) -> f64 {
         KEY + texts.into_iter().map(|it| text_width(it, SMALL)).fold(0.0, f64::max)
     }
 
-    /// Where the next entry begins [px].
+    /// Top of the next entry [px].
     pub fn bottom(&self) -> f64 {
         self.next
     }
 
-    /// Goes on from there, unless it is further down already [px].
+    /// Continues from there, unless the list is further down already [px].
     pub fn down_to(&mut self, top: f64) {
         self.next = self.next.max(top);
     }
 
-    /// Words over the entries that follow.
+    /// Adds a heading over the entries that follow.
     pub fn heading(&mut self, svg: &mut Svg, text: &str) {
         let font = Font::new(TEXT).bold();
         svg.text([self.left, self.next + 12.0], Anchor::Start, font, &fitted(text, TEXT, self.width));
         self.next += LINE_HEIGHT + 2.0;
     }
 
-    /// A line of words without a key.
+    /// Adds a line of text without a symbol.
     pub fn words(&mut self, svg: &mut Svg, text: &str) {
         svg.text([self.left, self.next + 13.0], Anchor::Start, SMALL, &fitted(text, SMALL, self.width));
         self.next += LINE_HEIGHT;
     }
 
-    /// The next line of the list.
+    /// Adds an entry.
     pub fn entry(&mut self, svg: &mut Svg, key: Key<'_>, text: &str) {
         let (left, middle) = (self.left, self.next + LINE_HEIGHT / 2.0);
         let ink = svg.theme().ink;
@@ -99,7 +99,7 @@ impl Legend {
         self.next += LINE_HEIGHT;
     }
 
-    /// A line of a known length, at most 100 px, with the length below.
+    /// Adds a scale bar, at most 100 px long, with its length as text below.
     pub fn scale_bar(&mut self, svg: &mut Svg, pixels: f64, text: &str) {
         let (left, right, y) = (self.left, self.left + pixels, self.next + LINE_HEIGHT / 2.0);
         let ink = svg.theme().ink;
@@ -113,7 +113,7 @@ impl Legend {
         self.next += 2.0 * LINE_HEIGHT;
     }
 
-    /// Free space between groups.
+    /// Leaves space between groups.
     pub fn skip(&mut self) {
         self.next += LINE_HEIGHT * 0.5;
     }

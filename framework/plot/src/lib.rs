@@ -1,8 +1,8 @@
-//! Every figure that is drawn: axes, lines, dots, histograms, maps, legends as SVG, marks on pictures as PNG.
+//! Figures: charts with axes and legends as SVG, marks on pictures as PNG.
 //!
-//! Pure functions: values in, text out, the same bytes each time; no number that is none ever reaches a file. Mostly a [`Figure`] of
-//! [`Chart`]s says all; what is no chart is drawn mark by mark with an [`svg::Svg`] and an [`axes::Panel`], whose `place` takes values to
-//! the figure's pixels.
+//! Pure functions: values in, text out, the same bytes each time; NaN and infinities never reach a file. Mostly a
+//! [`Figure`] of [`Chart`]s is all that is needed; anything else is drawn mark by mark with an [`svg::Svg`] and an
+//! [`axes::Panel`], whose `place` maps values to the figure's pixels.
 //!
 //! ```
 //! use foveate_plot::{Axis, Chart, Figure, Series, COLOURS};
@@ -16,16 +16,16 @@
 //!
 //! | module | what it gives |
 //! |---|---|
-//! | [`chart`] | series in frames, in a grid, with a legend |
-//! | [`svg`] | the marks |
+//! | [`chart`] | charts in a grid, with a legend |
+//! | [`svg`] | lines, areas, dots and texts as SVG |
 //! | [`axes`] | ranges and frames with axes |
 //! | [`ticks`] | round numbers along axes |
-//! | [`legend`] | what colours and signs mean |
-//! | [`names`] | names beside points, where there is room |
-//! | [`view`] | space in parallel projection |
-//! | [`thin`] | lines and dots with no more points than can be seen |
-//! | [`colours`] | colours that most eyes tell apart, shades, themes |
-//! | [`text`] | escaped texts, numbers in words |
+//! | [`legend`] | legends |
+//! | [`names`] | names beside points, placed without overlap |
+//! | [`view`] | parallel projection of space |
+//! | [`thin`] | thinning of lines and dots to what can be seen |
+//! | [`colours`] | colours distinguishable for most eyes, colour maps, themes |
+//! | [`text`] | escaped texts, formatted numbers |
 //! | `canvas` | marks on pictures, PNG (feature `png`) |
 
 pub mod axes;

@@ -1,4 +1,4 @@
-//! Names beside what they name: where there is room, and never over one another.
+//! Names beside points: placed where there is room, never over one another.
 
 use crate::svg::{Anchor, Font, Point, Rect, SMALL, Svg};
 use crate::text::{fitted, text_width};
@@ -6,7 +6,7 @@ use crate::text::{fitted, text_width};
 /// The widest name [px].
 const WIDEST: f64 = 170.0;
 
-/// What is taken of a panel.
+/// Occupied places of a panel.
 #[derive(Debug)]
 pub struct Names {
     bounds: Rect,
@@ -14,7 +14,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// For names within `bounds`.
+    /// No names yet, for names within `bounds`.
     pub fn within(bounds: Rect) -> Self {
         Self { bounds, taken: Vec::new() }
     }
@@ -24,14 +24,14 @@ impl Names {
         self.taken.push(Rect { left: x - 4.0, top: y - 4.0, width: 8.0, height: 8.0 });
     }
 
-    /// Keeps names off a line, the first of its points left out.
+    /// Keeps names off a line, except at its first point.
     pub fn keep_off_line(&mut self, from: Point, to: Point) {
         for part in [0.25, 0.5, 0.75, 1.0] {
             self.keep_off([0, 1].map(|it| from[it] + (to[it] - from[it]) * part));
         }
     }
 
-    /// Writes `name` beside `at`; where there is no room for it, it is left out, and the answer is `false`.
+    /// Writes `name` beside a point. Returns `false`, and writes nothing, where there is no room.
     pub fn write(&mut self, svg: &mut Svg, [x, y]: Point, name: &str) -> bool {
         let name = fitted(name, SMALL, WIDEST);
         let (width, height) = (text_width(&name, SMALL), SMALL);

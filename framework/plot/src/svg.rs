@@ -1,40 +1,40 @@
-//! The marks of a figure, written as SVG text. Coordinates are in pixels of the figure, y downwards.
+//! SVG drawing: lines, areas, dots and texts. Coordinates are in pixels of the figure, y downwards.
 //!
-//! What has no place, because a coordinate is no finite number, is not drawn; lines break there.
+//! Points with a coordinate that is not finite are not drawn; lines break there.
 
 use std::fmt::Write;
 
 use crate::colours::{PAPER, Theme};
 use crate::text::{coordinate, escaped, fitted, push_tenths, tenths};
 
-/// x, y [px].
+/// A point x, y [px].
 pub type Point = [f64; 2];
 
-/// How a line looks.
+/// Line style.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pen<'a> {
-    /// As SVG writes it.
+    /// Colour, as SVG writes it.
     pub colour: &'a str,
-    /// [px]
+    /// Width [px].
     pub width: f64,
-    /// Lengths of dash and pause, as SVG writes them; empty: none.
+    /// Lengths of dash and gap, as SVG writes them; empty: solid.
     pub dash: &'a str,
-    /// From 0 to 1.
+    /// Opacity, 0 to 1.
     pub opacity: f64,
 }
 
 impl<'a> Pen<'a> {
-    /// Solid and opaque.
+    /// A solid, opaque line.
     pub const fn new(colour: &'a str, width: f64) -> Self {
         Self { colour, width, dash: "", opacity: 1.0 }
     }
 
-    /// The same with dashes.
+    /// The same line with dashes.
     pub const fn dashed(self, dash: &'a str) -> Self {
         Self { dash, ..self }
     }
 
-    /// The same, so opaque.
+    /// The same line with this opacity.
     pub const fn faint(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
@@ -54,33 +54,33 @@ impl<'a> Pen<'a> {
 /// A rectangle [px].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rect {
-    /// Of its left edge.
+    /// Left edge [px].
     pub left: f64,
-    /// Of its upper edge.
+    /// Upper edge [px].
     pub top: f64,
-    /// To the right.
+    /// Width [px].
     pub width: f64,
-    /// Downwards.
+    /// Height [px].
     pub height: f64,
 }
 
 impl Rect {
-    /// Of its right edge.
+    /// Right edge [px].
     pub fn right(&self) -> f64 {
         self.left + self.width
     }
 
-    /// Of its lower edge.
+    /// Lower edge [px].
     pub fn bottom(&self) -> f64 {
         self.top + self.height
     }
 
-    /// Its middle.
+    /// Centre [px].
     pub fn middle(&self) -> Point {
         [self.left + 0.5 * self.width, self.top + 0.5 * self.height]
     }
 
-    /// Whether the two have more than an edge in common.
+    /// Whether the two overlap by more than an edge.
     pub fn overlaps(&self, other: &Rect) -> bool {
         self.left < other.right() && other.left < self.right() && self.top < other.bottom() && other.top < self.bottom()
     }
@@ -94,54 +94,54 @@ impl Rect {
     }
 }
 
-/// Where a text's anchor point lies within it.
+/// Position of a text relative to its anchor point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// At its left end.
+    /// The anchor is at the left end.
     Start,
-    /// Halfway.
+    /// The anchor is in the middle.
     Middle,
-    /// At its right end.
+    /// The anchor is at the right end.
     End,
 }
 
-/// Ordinary text [px].
+/// Size of ordinary text [px].
 pub const TEXT: f64 = 13.0;
-/// Titles [px].
+/// Size of titles [px].
 pub const TITLE: f64 = 16.0;
-/// Names and numbers within a picture [px].
+/// Size of names and numbers within a picture [px].
 pub const SMALL: f64 = 12.0;
 
-/// How a text looks.
+/// Text style.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Font<'a> {
-    /// [px]
+    /// Size [px].
     pub size: f64,
-    /// `None`: the theme's ink.
+    /// Colour; `None`: the theme's ink.
     pub colour: Option<&'a str>,
-    /// Whether its letters are heavy.
+    /// Whether the text is bold.
     pub bold: bool,
-    /// Whether paper shows around the letters, over whatever lies below.
+    /// Whether the text has an outline in the background colour, for use over other marks.
     pub halo: bool,
 }
 
 impl<'a> Font<'a> {
-    /// Plain, in ink.
+    /// Plain text of this size, in ink.
     pub const fn new(size: f64) -> Self {
         Self { size, colour: None, bold: false, halo: false }
     }
 
-    /// The same in another colour.
+    /// The same text in another colour.
     pub const fn coloured(self, colour: &'a str) -> Self {
         Self { colour: Some(colour), ..self }
     }
 
-    /// The same with heavy letters.
+    /// The same text in bold.
     pub const fn bold(self) -> Self {
         Self { bold: true, ..self }
     }
 
-    /// The same with paper around the letters.
+    /// The same text with an outline in the background colour.
     pub const fn with_halo(self) -> Self {
         Self { halo: true, ..self }
     }
@@ -153,18 +153,18 @@ impl From<f64> for Font<'_> {
     }
 }
 
-/// One step of a bent line.
+/// A segment of a curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
-    /// Straight on to there.
+    /// A straight line to this point.
     To(Point),
-    /// A quadratic curve: where it would meet with its ends' directions, and its end.
+    /// A quadratic Bézier curve: control point and end.
     Quadratic(Point, Point),
-    /// A cubic curve: two control points and its end.
+    /// A cubic Bézier curve: two control points and end.
     Cubic(Point, Point, Point),
 }
 
-/// A figure that grows mark by mark.
+/// An SVG figure that marks are added to.
 #[derive(Debug)]
 pub struct Svg {
     width: f64,
@@ -175,24 +175,24 @@ pub struct Svg {
 }
 
 impl Svg {
-    /// A white figure of that size with a heading, which is cut where it is too long; the whole of it is the file's title.
+    /// A white figure of that size with a heading, cut where it is too long; the file's title has all of it.
     pub fn new(width: f64, height: f64, title: &str) -> Self {
         let mut svg = Self::bare(width, height, title, PAPER);
         svg.text([16.0, 26.0], Anchor::Start, TITLE, &fitted(title, TITLE, width - 32.0));
         svg
     }
 
-    /// Without a heading; `title` is read out to those who do not see the figure.
+    /// A figure without a heading; `title` is for screen readers.
     pub fn bare(width: f64, height: f64, title: &str, theme: Theme) -> Self {
         Self { width, height, title: title.to_owned(), body: String::new(), theme }
     }
 
-    /// Colours of what is no datum.
+    /// The theme in use.
     pub fn theme(&self) -> &Theme {
         &self.theme
     }
 
-    /// Straight lines from point to point, one for each piece, as one mark.
+    /// Draws polylines, one for each piece, as one mark.
     pub fn lines(&mut self, pieces: &[Vec<Point>], pen: Pen<'_>) {
         let whole = |piece| <[Point]>::split(piece, |it: &Point| !is_sound(it)).filter(|it| it.len() > 1);
         let mut outlines = String::new();
@@ -204,12 +204,12 @@ impl Svg {
         }
     }
 
-    /// One straight line.
+    /// Draws a straight line.
     pub fn line(&mut self, from: Point, to: Point, pen: Pen<'_>) {
         self.lines(&[vec![from, to]], pen);
     }
 
-    /// A bent line.
+    /// Draws a curve.
     pub fn curve(&mut self, from: Point, steps: &[Step], pen: Pen<'_>) {
         let write = |it: Point| it.map(coordinate).join(" ");
         let mut path = format!("M{}", write(from));
@@ -225,12 +225,12 @@ impl Svg {
         let _ = writeln!(self.body, " d=\"{path}\"/>");
     }
 
-    /// A closed area in one colour.
+    /// Draws a closed area in one colour.
     pub fn area(&mut self, points: &[Point], colour: &str, opacity: f64, pen: Option<Pen<'_>>) {
         self.areas(&[points.to_vec()], colour, opacity, pen);
     }
 
-    /// Closed areas in one colour, as one mark.
+    /// Draws closed areas in one colour, as one mark.
     pub fn areas(&mut self, areas: &[Vec<Point>], colour: &str, opacity: f64, pen: Option<Pen<'_>>) {
         let mut outlines = String::new();
         for area in areas.iter().filter(|it| it.len() > 1 && it.iter().all(is_sound)) {
@@ -250,12 +250,12 @@ impl Svg {
         let _ = writeln!(self.body, " d=\"{outlines}\"/>");
     }
 
-    /// A rectangle, filled and edged.
+    /// Draws a rectangle.
     pub fn rect(&mut self, rect: Rect, fill: &str, pen: Option<Pen<'_>>) {
         self.rounded(rect, 0.0, fill, pen);
     }
 
-    /// A rectangle with round corners of that radius [px].
+    /// Draws a rectangle with round corners of that radius [px].
     pub fn rounded(&mut self, rect: Rect, radius: f64, fill: &str, pen: Option<Pen<'_>>) {
         let _ = write!(self.body, "<rect{} fill=\"{fill}\"", place_of(&rect));
         if radius > 0.0 {
@@ -267,7 +267,7 @@ impl Svg {
         self.body.push_str("/>\n");
     }
 
-    /// Rectangles in one colour, as one mark, with sharp edges, so that neighbours leave no seam.
+    /// Draws rectangles in one colour, as one mark, with sharp edges, so that neighbours leave no seam.
     pub fn cells(&mut self, cells: &[Rect], fill: &str) {
         if cells.is_empty() {
             return;
@@ -280,7 +280,7 @@ impl Svg {
         self.body.push_str("\"/>\n");
     }
 
-    /// A circle around a point, `radius` in px.
+    /// Draws a circle, `radius` in px.
     pub fn circle(&mut self, at: Point, radius: f64, fill: &str, pen: Pen<'_>) {
         if is_sound(&at) {
             let [x, y] = at.map(coordinate);
@@ -290,7 +290,7 @@ impl Svg {
         }
     }
 
-    /// Full dots, as one mark.
+    /// Draws filled dots, as one mark.
     pub fn dots(&mut self, points: impl IntoIterator<Item = Point>, radius: f64, colour: &str, opacity: f64) {
         let mut path = String::new();
         for point in points.into_iter().filter(is_sound) {
@@ -304,12 +304,12 @@ impl Svg {
         }
     }
 
-    /// The head of an arrow that ends at `at` and points to the right.
+    /// Draws the head of an arrow that ends at `at` and points to the right.
     pub fn arrow_head(&mut self, [x, y]: Point, colour: &str) {
         self.area(&[[x, y], [x - 9.0, y - 4.2], [x - 9.0, y + 4.2]], colour, 1.0, None);
     }
 
-    /// `at`: the anchor, on the base line.
+    /// Writes a text; `at` is the anchor, on the base line.
     pub fn text<'f>(&mut self, at: Point, anchor: Anchor, font: impl Into<Font<'f>>, text: &str) {
         if is_sound(&at) {
             let [x, y] = at.map(coordinate);
@@ -317,12 +317,12 @@ impl Svg {
         }
     }
 
-    /// Read from below; `at`: its middle, on the base line.
+    /// Writes a text that runs upwards; `at` is its middle, on the base line.
     pub fn text_upwards<'f>(&mut self, at: Point, font: impl Into<Font<'f>>, text: &str) {
         self.text_turned(at, Anchor::Middle, font, text);
     }
 
-    /// Read from below; `at`: the anchor, on the base line.
+    /// Writes a text that runs upwards; `at` is the anchor, on the base line.
     pub fn text_turned<'f>(&mut self, at: Point, anchor: Anchor, font: impl Into<Font<'f>>, text: &str) {
         if is_sound(&at) {
             let [x, y] = at.map(coordinate);
@@ -356,7 +356,7 @@ impl Svg {
         let _ = writeln!(self.body, ">{}</text>", escaped(text));
     }
 
-    /// Draws what `marks` draws, within `rect` only.
+    /// Clips what `marks` draws to `rect`.
     pub fn within(&mut self, rect: Rect, marks: impl FnOnce(&mut Svg)) {
         // A figure in the figure: unlike a clip path it needs no name, of which there may be but one in a page.
         let place = place_of(&rect);
@@ -366,14 +366,14 @@ impl Svg {
         self.body.push_str("</svg>\n");
     }
 
-    /// Draws what `marks` draws; `about` is shown where a pointer rests on it.
+    /// Gives what `marks` draws a tooltip `about`.
     pub fn with_hint(&mut self, about: &str, marks: impl FnOnce(&mut Svg)) {
         let _ = write!(self.body, "<g><title>{}</title>", escaped(about));
         marks(self);
         self.body.push_str("</g>\n");
     }
 
-    /// The whole file.
+    /// The whole SVG file.
     pub fn finish(self) -> String {
         let (size, title) = (self.size(), escaped(&self.title));
         let Self { body, theme, .. } = self;
@@ -385,7 +385,7 @@ impl Svg {
         )
     }
 
-    /// An element of a page, in the page's font; `class`: for its style sheet.
+    /// The figure as an element of a page, in the page's font; `class`: for its style sheet.
     pub fn element(self, class: &str) -> String {
         let size = self.size();
         let (ink, name, body) = (self.theme.ink, escaped(&self.title), self.body);

@@ -1,8 +1,8 @@
-//! Texts and numbers as figures and pages show them: escaped, of a known width, written in one way.
+//! Escaped texts and formatted numbers for figures and pages.
 
 use std::fmt::Write;
 
-/// `text` as it may stand in XML and HTML, between tags and in attributes. Characters that XML cannot hold become spaces.
+/// `text` escaped for XML and HTML, between tags and in attributes. Characters that XML cannot hold become spaces.
 pub fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -20,7 +20,7 @@ pub fn escaped(text: &str) -> String {
     escaped
 }
 
-/// About how wide a text is [px]; a little more than common fonts need.
+/// Approximate width of a text [px]; a little more than common fonts need.
 pub fn text_width(text: &str, size: f64) -> f64 {
     // Scripts from the CJK radicals on fill a square.
     let widths = text.chars().map(|letter| if letter >= '\u{2e80}' { 1.0 } else { 0.58 });
@@ -53,7 +53,7 @@ pub(crate) fn fitted_label(label: &str, size: f64, width: f64) -> String {
     format!("{} {unit}", fitted(words.trim_end(), size, width - text_width(unit, size) - 0.58 * size))
 }
 
-/// With so many digits after the point, a minus as wide as a digit and no `-0`; a dash for what is no finite number.
+/// A number with `digits` decimals, a minus as wide as a digit and no `-0`; a dash where it is not finite.
 pub fn fixed(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
@@ -63,7 +63,7 @@ pub fn fixed(value: f64, digits: usize) -> String {
     if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
 }
 
-/// With three significant digits.
+/// A number with three significant digits.
 pub fn rounded(value: f64) -> String {
     if !value.is_finite() {
         return "–".to_owned();

@@ -1,4 +1,4 @@
-//! Lines with no more points than can be seen.
+//! Thins lines to the points that can be seen.
 
 use crate::axes::Range;
 use crate::svg::{Point, Rect};
@@ -48,7 +48,7 @@ pub fn thin_courses(lines: &mut [Vec<Point>], limit: usize) {
     thin(lines, limit, 0.5, columns);
 }
 
-/// Of dots that lie within half a pixel of one another in `rect` the first; none outside it.
+/// The first of all dots within half a pixel of one another in `rect`; none outside it.
 pub fn thin_dots(dots: impl IntoIterator<Item = Point>, rect: Rect) -> Vec<Point> {
     let [columns, rows] = [rect.width, rect.height].map(|it| (2.0 * it).clamp(1.0, 10_000.0) as usize);
     let mut taken = vec![false; columns * rows];
@@ -63,7 +63,7 @@ pub fn thin_dots(dots: impl IntoIterator<Item = Point>, rect: Rect) -> Vec<Point
     dots.into_iter().filter(|it| is_free(it)).collect()
 }
 
-/// At most `most` of the items, evenly spaced from the first on.
+/// At most `most` of the items, evenly spaced, starting with the first.
 pub fn evenly<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
     let n = items.len();
     let kept = n.min(most);

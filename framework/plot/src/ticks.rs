@@ -1,4 +1,4 @@
-//! Where an axis has numbers, and how they are written: the one place that knows round steps.
+//! Ticks: positions and texts of the numbers at an axis, in round steps.
 
 use crate::axes::{Range, Span};
 use crate::text::{fixed, power_of_ten};
@@ -27,19 +27,19 @@ fn steps_around(low: f64, high: f64) -> Vec<f64> {
     powers.flat_map(|exponent| [1.0, 2.0, 5.0].map(|it| it * power(exponent))).collect()
 }
 
-/// The numbers of an axis.
+/// Ticks of an axis.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Ticks {
-    /// Values, ascending.
+    /// Tick values, ascending.
     pub values: Vec<f64>,
-    /// What is written at each.
+    /// Text of each tick.
     pub texts: Vec<String>,
-    /// What the label of the axis has to add: a power of ten, an offset; mostly nothing.
+    /// Suffix for the axis label: a power of ten or an offset; mostly empty.
     pub suffix: String,
 }
 
 impl Ticks {
-    /// At most about `n` of them along `span`; `step`: at its multiples, where they are not too many.
+    /// At most about `n` ticks along `span`; `step`: at its multiples, unless these are too many.
     pub fn of(span: &Span, n: f64, step: Option<f64>) -> Self {
         let Range { min, max } = span.range;
         if span.log {
@@ -73,7 +73,7 @@ impl Ticks {
         Self { values, texts, suffix: String::new() }
     }
 
-    /// The longest text [characters].
+    /// Length of the longest text [characters].
     pub fn longest(&self) -> usize {
         self.texts.iter().map(|it| it.chars().count()).max().unwrap_or(0)
     }

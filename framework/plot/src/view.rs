@@ -1,4 +1,4 @@
-//! Space on paper: seen from afar, turned about the vertical and tilted.
+//! Parallel projection of space, rotated about the vertical and tilted.
 
 use crate::svg::Point;
 
@@ -13,8 +13,8 @@ pub struct View {
 }
 
 impl View {
-    /// From `turn` about the vertical and `tilt` above the horizon [rad], so that all of `places` lie within `size` [px] around
-    /// `middle`.
+    /// A view from `turn` about the vertical and `tilt` above the horizon [rad], scaled so that all of `places` lie
+    /// within `size` [px] around `middle`.
     pub fn of(
         places: impl Iterator<Item = [f64; 3]>,
         middle: [f64; 3],
@@ -29,7 +29,7 @@ impl View {
         view
     }
 
-    /// Where a place lies in the figure [px].
+    /// Position of a place in the figure [px].
     pub fn place(&self, place: [f64; 3]) -> Point {
         let [x, y, z] = [0, 1, 2].map(|axis| place[axis] - self.middle[axis]);
         let across = x * self.turn.cos() - y * self.turn.sin();

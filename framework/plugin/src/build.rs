@@ -3,7 +3,7 @@
 //! Cargo gives a crate its identity by its place *relative to the root of its workspace*, its version, features and dependencies. So the library is built
 //! in a workspace that looks like the program's own: a folder with links to all its rooms, its lock file and its profiles, and in it two packages more,
 //! the plugin and the shell that exports its symbols. Program and plugin are built in one invocation, so that features
-//! are unified as one. Measured: all identities agree, nothing of the program is compiled again, and a plugin takes seconds. Other ways do
+//! are unified as one. Measured: all identities agree, nothing of the program is compiled again, and a plugin takes seconds. Other approaches do
 //! not work: a path from another workspace to a room of ours, or the plugin without the program, gives other types.
 
 use std::collections::BTreeSet;
@@ -300,7 +300,7 @@ impl Overlay {
         let (name, member) = (&package.name, self.member());
         let manifest = format!(
             "[package]\nname = \"{name}-library\"\nversion = \"{}\"\nedition = \"2024\"\npublish = false\n\n[lib]\nname = \"{}\"\n\
-             crate-type = [\"cdylib\"]\ntest = false\ndoctest = false\n\n[dependencies]\nfoveate = {{ path = \"../framework/foveate\" }}\n\
+             crate-type = [\"cdylib\"]\ntest = false\ndoctest = false\n\n[dependencies]\nfoveate-plugin = {{ path = \"../framework/plugin\" }}\n\
              {name} = {{ path = \"../{}\" }}\n",
             package.version,
             shell_name(package),
@@ -308,7 +308,7 @@ impl Overlay {
         );
         write(&self.root.join("library/Cargo.toml"), &manifest)?;
         let code = format!(
-            "//! The symbols of `{name}` as a shared library.\n\nfoveate::export_library!({}::LIBRARY);\n",
+            "//! The symbols of `{name}` as a shared library.\n\nfoveate_plugin::export_library!({}::LIBRARY);\n",
             package.lib
         );
         write(&folder.join("lib.rs"), &code)

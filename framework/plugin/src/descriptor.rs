@@ -1,9 +1,9 @@
-//! The frozen door of a library: a C structure behind a C function that says how the library was built.
+//! The descriptor of a library: a C structure behind a C function, with a frozen layout, that says how the library was built.
 //!
 //! Between a program and a library that was built apart, Rust's types are the same types only when source, features, versions of all dependencies, profile
 //! and compiler agree; nothing warns when they do not, downcasts just give nothing. The hash of the `TypeId` of a type of this crate
-//! stands for all of these but the text of the sources (cargo names a crate by its place and not by its text), and so a hash of that text stands beside
-//! it. The words are there to say what differs. It is a hash and no proof.
+//! covers all of these but the text of the sources (cargo names a crate by its place and not by its text), so that a hash of that text is stored
+//! beside it. The texts are there to report what differs. A hash is no proof.
 
 use std::any::TypeId;
 use std::hash::{Hash, Hasher};

@@ -1,4 +1,4 @@
-//! The program's side of a library: opened, held against the program's own build, and only then used.
+//! The program's side of a library: opened, compared with the program's own build, and only then used.
 
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -6,7 +6,8 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use foveate_node::guard::go_on;
+use foveate_node::given::Table;
+use foveate_node::guard::resume;
 use foveate_node::registry::{ErasedNode, NodeType, Settings};
 use foveate_node::{ConfigError, Due, Io, LibraryError, NodeError, Origin, Plan, Registry, Report, Setup};
 use libloading::Library;
@@ -67,7 +68,7 @@ fn is_library(path: &Path) -> bool {
     path.extension() == Some(OsStr::new(std::env::consts::DLL_EXTENSION))
 }
 
-/// The library that this program opened at a path, held against this program.
+/// The library that this program opened at a path, checked against this program.
 #[expect(unsafe_code, reason = "runs what a library holds")]
 fn load(path: &Path) -> Result<Vec<Arc<NodeType>>, LibraryError> {
     let no_library = |error: libloading::Error| {
@@ -138,8 +139,8 @@ fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
     }
 }
 
-fn decode(name: &'static str, parse: Parse, given: toml::Table) -> Result<Box<dyn Settings>, ConfigError> {
-    let inside = on_this_side(parse(&tagged(name, given)))?;
+fn decode(name: &'static str, parse: Parse, given: Table) -> Result<Box<dyn Settings>, ConfigError> {
+    let inside = on_this_side(parse(&tagged(name, given)?))?;
     let resolved: toml::Table = toml::from_str(inside.text()).map_err(|error| ConfigError::node(error.message()))?;
     let resolved = match resolved.into_iter().next() {
         Some((_, toml::Value::Table(table))) => table,
@@ -148,9 +149,9 @@ fn decode(name: &'static str, parse: Parse, given: toml::Table) -> Result<Box<dy
     Ok(Box::new(Outside { inside, resolved }))
 }
 
-/// What a call into a library gave; its panic goes on here.
+/// The result of a call into a library; its panic is resumed here.
 fn on_this_side<T>(caught: Caught<T>) -> T {
-    caught.unwrap_or_else(|said| go_on(said))
+    caught.unwrap_or_else(|said| resume(said))
 }
 
 /// The program's view of the settings of a library's node.

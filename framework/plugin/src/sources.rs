@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The rooms whose types cross between a program and a library.
-pub const CROSSING: [&str; 8] =
-    ["time", "messages", "estimation", "geometry", "diagnostics", "scene", "node", "plugin"];
+pub const CROSSING: [&str; 9] =
+    ["time", "messages", "estimation", "geometry", "diagnostics", "scene", "node", "boundary", "plugin"];
 /// Of each room.
 pub const PARTS: [&str; 2] = ["src", "Cargo.toml"];
 

@@ -1,9 +1,9 @@
-//! What a JSON Schema expects, in words: "a whole number from 0 to 255".
+//! Describes in words what a JSON Schema expects: "a whole number from 0 to 255".
 
 use foveate_diagnostics::names::one_of;
 use serde_json::Value as Json;
 
-use super::settings::{alternatives, description, kinds, resolved, words};
+use super::schema_parts::{alternatives, description, kinds, resolved, words};
 
 /// Nested lists that are described.
 const DEEPEST: usize = 4;

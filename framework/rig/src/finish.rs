@@ -83,7 +83,7 @@ impl Finish<'_, '_> {
         }
     }
 
-    /// A fault where the pictures of all cameras fit into no memory: told here, and not by the system in the middle of a run.
+    /// A fault where the pictures of all cameras do not fit into memory: reported here rather than by a failed allocation during a run.
     fn refuse_absurd_pictures(&self, findings: &mut Findings) {
         let Some(calibration) = &self.calibration else { return };
         let pixels_of = |node: &NodeDraft<'_>| {
@@ -102,7 +102,7 @@ impl Finish<'_, '_> {
                 pixels_of(node)
             );
             findings
-                .error(node.text.header.clone(), "the pictures of this rig fit into no memory", label)
+                .error(node.text.header.clone(), "the pictures of this rig do not fit into memory", label)
                 .help("look at `image_size_px` in the calibration, and at the cameras that `each` names");
         }
     }
@@ -267,8 +267,8 @@ fn warn(names: &Names<'_, '_>, wiring: &Wiring, findings: &mut Findings) {
             findings
                 .warning(
                     place,
-                    format_args!("what `{}` gives goes nowhere", node.name()),
-                    format_args!("nothing takes {names}"),
+                    format_args!("the output of `{}` is not used", node.name()),
+                    format_args!("no input is connected to {names}"),
                 )
                 .help("connect it to a node that takes it, or take the node out");
         }

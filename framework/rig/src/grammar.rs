@@ -1,10 +1,10 @@
-//! What a rig's own tables may hold. Each key stands here once, with what it is for, what it takes and its default; the reader takes
-//! tables apart by it, the schema describes them by it, and the resolved rig is written by it.
+//! The keys of a rig's own tables. Each key is declared here once, with its purpose, its values and its default; the reader, the schema
+//! and the writer of resolved rigs all use this declaration.
 
 use serde_json::{Map, Value as Json, json};
 use toml::Spanned;
 
-use crate::read::read_point;
+use crate::values::read_point;
 use foveate_diagnostics::names::one_of;
 use foveate_diagnostics::value::Keys;
 use foveate_diagnostics::{Findings, Span};
@@ -12,7 +12,7 @@ use foveate_diagnostics::{Findings, Span};
 /// What a key takes.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Kind {
-    /// A text; what stands for it in messages, and the regular expression that it matches.
+    /// A text; how messages describe it, and the regular expression that it matches.
     Text(&'static str, Option<&'static str>),
     /// A number within a range, in a unit.
     Number(Range, &'static str),
@@ -224,7 +224,7 @@ pub(super) mod rig {
     pub const PACED: Key = Key::new(
         "paced",
         Kind::Flag,
-        "Whether `foveate run` keeps to the pace of the clock on the wall, for people and programs that watch; the results are the same.",
+        "Whether `foveate run` keeps to the pace of the wall clock, for people and programs that watch; the results are the same.",
     )
     .or(|| json!(false));
     pub const ALL: [&Key; 7] = [&NAME, &FOLDER, &CALIBRATION, &SEED, &DURATION_S, &REPORT_SPEED, &PACED];
@@ -251,8 +251,8 @@ pub(super) mod scale {
     pub const ANCHOR: Key = Key::new(
         "anchor",
         Kind::Text("a target: \"NODE.TARGET\"", Some("^[^.]+\\..+$")),
-        "The target that this scale's space moves with: a node of the parent that gives targets, dot, the name of one; \
-         `[scale.PARENT.target.NAME]` says which that is.",
+        "The target that this scale's space moves with: a node of the parent that gives targets, a dot, the name of a target; \
+         `[scale.PARENT.target.NAME]` says how that target is picked.",
     );
     pub const VOLUME_M: Key =
         Key::new("volume_m", Kind::Other, "Where targets can be, in this scale's space: opposite corners [m].");
@@ -268,15 +268,33 @@ pub(super) mod target {
     use foveate_scene::AnchorRule;
 
     use super::*;
-    use crate::targets::PICKS;
 
     /// Nanoseconds.
     pub const NS_PER_MS: f64 = 1e6;
     pub const NS_PER_S: f64 = 1e9;
     /// Longest time that a target has to last, or may be unseen [ms].
     const LONGEST_MS: f64 = 3_600_000.0;
-    /// Longest time of looking near the place of a loss [s].
+    /// Longest time of searching near the place of a loss [s].
     const LONGEST_S: f64 = 3_600.0;
+
+    /// A word of `pick`.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Word {
+        First,
+        Highest,
+        Lowest,
+        Nearest,
+        Id,
+    }
+
+    /// The words of `pick`.
+    pub const PICKS: [(&str, Word); 5] = [
+        ("first", Word::First),
+        ("highest", Word::Highest),
+        ("lowest", Word::Lowest),
+        ("nearest", Word::Nearest),
+        ("id", Word::Id),
+    ];
 
     const PICK_WORDS: [&str; PICKS.len()] = words(&PICKS);
     pub const PICK: Key = Key::new(
@@ -292,19 +310,19 @@ pub(super) mod target {
     pub const OFFSET_M: Key = Key::new(
         "offset_m",
         Kind::Point,
-        "From the target to what is meant, in the axes of the scale's space: a face lies below a light on the head [m].",
+        "Offset from the target to the anchor point, in the axes of the scale's space: a face lies below a light on the head [m].",
     )
     .or(|| json!([0.0, 0.0, 0.0]));
     pub const KEEP: Key = Key::new(
         "keep",
         Kind::Flag,
-        "Whether the name stays with its target as long as that lives; else it goes over to whichever has become the choice.",
+        "Whether the name stays with its target as long as the target exists; otherwise it moves to the target that `pick` selects now.",
     )
     .or(|| json!(AnchorRule::default().keep));
     pub const SETTLE_MS: Key = Key::new(
         "settle_ms",
         Kind::Number(Range::Within(0.0, LONGEST_MS), "ms"),
-        "A target gets the name once it has been the choice for so long: no accident of a moment does [ms].",
+        "A target gets the name once `pick` has selected it for this long, so that a momentary detection does not [ms].",
     )
     .or(|| json!(AnchorRule::default().settle_ns as f64 / NS_PER_MS));
     pub const LOST_MS: Key = Key::new(
@@ -316,7 +334,7 @@ pub(super) mod target {
     pub const AGAIN_WITHIN_M: Key = Key::new(
         "again_within_m",
         Kind::Number(Range::Positive, "m"),
-        "After a loss, only targets so near to where it was last are picked, for `again_s`, the nearest first; left out: anywhere, by `pick` [m].",
+        "After a loss, only targets within this distance of its last position are picked, for `again_s`, the nearest first; left out: anywhere, by `pick` [m].",
     );
     pub const AGAIN_S: Key = Key::new(
         "again_s",
@@ -330,7 +348,11 @@ pub(super) mod target {
 /// What a node's table may hold beside its settings.
 pub(super) mod node {
     use super::*;
-    use crate::node_text::ON_ERROR;
+    use crate::graph::OnError;
+
+    /// Names of [`OnError`] in rigs.
+    pub const ON_ERROR: [(&str, OnError); 3] =
+        [("stop", OnError::Stop), ("skip", OnError::Skip), ("restart", OnError::Restart)];
 
     /// Longest activation [ms].
     const LONGEST_COST_MS: f64 = 60_000.0;
@@ -340,7 +362,7 @@ pub(super) mod node {
     pub const EACH: Key = Key::new(
         "each",
         Kind::Other,
-        "One instance for each camera of that name; `*` stands for any characters, `?` for one. A list takes what any of it matches; \
+        "One instance for each camera of that name; `*` matches any characters, `?` one. A list takes every camera that one of its patterns matches; \
          `!` before a pattern leaves out what it matches.",
     );
     pub const CAMERA: Key =
@@ -349,7 +371,7 @@ pub(super) mod node {
     pub const ON_ERROR_KEY: Key = Key::new(
         "on_error",
         Kind::Word(&ON_ERROR_WORDS),
-        "What happens when it fails on a message: it stops, the message is dropped, or it is made anew.",
+        "What happens when it fails on a message: it stops, the message is dropped, or it is restarted.",
     )
     .or(|| json!("stop"));
     pub const COST_MS: Key = Key::new(
@@ -372,8 +394,7 @@ pub(super) mod node {
 /// A connection written as a table: `in.PORT = { from = "…" }`.
 pub(super) mod connection {
     use super::*;
-    use crate::graph::Queue;
-    use crate::node_text::WHEN_FULL;
+    use crate::graph::{Queue, WhenFull};
     use foveate_node::port::InputPolicy;
 
     /// Longest queue: more messages than that are a mistake, and memory.
@@ -386,6 +407,10 @@ pub(super) mod connection {
     pub const FROM: Key = Key::new("from", Kind::Other, "NODE.OUTPUT, SCALE.NODE.OUTPUT or NODE[CAMERA].OUTPUT");
     pub const CAPACITY: Key = Key::new("capacity", Kind::Whole(1, MOST_QUEUED), "Messages that may wait.")
         .or(|| json!(Queue::default().capacity));
+    /// Names of [`WhenFull`] in rigs.
+    pub const WHEN_FULL: [(&str, WhenFull); 3] =
+        [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
+
     const WHEN_FULL_WORDS: [&str; WHEN_FULL.len()] = words(&WHEN_FULL);
     pub const WHEN_FULL_KEY: Key = Key::new(
         "when_full",
@@ -402,8 +427,8 @@ pub(super) mod connection {
     pub const DELAY_MS: Key = Key::new(
         "delay_ms",
         Kind::Number(Range::Within(0.0, MOST_DELAY_MS), "ms"),
-        "How much later what comes this way is seen, in runs that are not live [ms]. Left out: a camera's nodes that are ahead of the rest see what is fed \
-         back to them one period of the camera later, everything else at once.",
+        "Delay after which messages on this edge are seen, in runs that are not live [ms]. Left out: feedback into a camera's nodes that run ahead of the rest \
+         is seen one period of the camera later, everything else at once.",
     );
     pub const TOLERANCE_MS: Key = Key::new(
         "tolerance_ms",

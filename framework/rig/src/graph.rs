@@ -36,7 +36,7 @@ pub struct Graph {
     pub calibration: Arc<Calibration>,
     /// The scales, parents before children.
     pub scales: Vec<Scale>,
-    /// The same, as nodes are told of them.
+    /// The same scales in the form that nodes get.
     pub places: Arc<[ScalePlace]>,
     /// Node instances; each stands behind all that trigger it.
     pub instances: Vec<Instance>,
@@ -44,11 +44,11 @@ pub struct Graph {
     pub edges: Vec<Edge>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
-    /// Who writes which file of the results.
+    /// Which node writes which file of the results.
     pub claims: Claims,
-    /// What serves pages to browsers while this graph runs; a graph has none unless whoever runs it gives it one.
+    /// What serves pages to browsers while this graph runs; none unless the caller sets one.
     pub pages: Pages,
-    /// What is probably not as meant.
+    /// What is probably a mistake.
     pub warnings: Diagnostics,
 }
 
@@ -61,7 +61,7 @@ pub struct Scale {
     pub parent: Option<String>,
     /// The target that its space moves with: a node of the parent, dot, the target's name.
     pub anchor: Option<String>,
-    /// Which target of that node's carries the name; there with `anchor`.
+    /// How that target is picked; there with `anchor`.
     pub anchor_rule: Option<AnchorRule>,
     /// Working volume in its own space [m], opposite corners.
     pub volume_m: Option<[[f64; 3]; 2]>,
@@ -115,12 +115,12 @@ pub struct Cost {
 /// What happens when a node fails on a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnError {
-    /// The node and what hangs on it alone stop; the rest of the rig goes on.
+    /// The node stops, and with it all that depends on it alone; the rest of the rig continues.
     #[default]
     Stop,
-    /// The message is dropped and counted; the node keeps its state (after a panic it is made anew).
+    /// The message is dropped and counted; the node keeps its state (after a panic it is restarted).
     Skip,
-    /// The message is dropped and counted; the node is made anew.
+    /// The message is dropped and counted; the node is restarted.
     Restart,
 }
 
@@ -135,7 +135,7 @@ pub struct Edge {
     pub name: String,
     /// Closes a cycle.
     pub feedback: bool,
-    /// How much later what goes along it is seen in a run that is not live, where the rig says so.
+    /// Delay of its messages in a run that is not live, where the rig states one.
     pub delay: Option<Interval>,
     /// What happens when the consumer is behind.
     pub queue: Queue,
@@ -196,7 +196,7 @@ impl Instance {
 }
 
 impl Graph {
-    /// What instance `index` is given when it is made.
+    /// The setup of instance `index`.
     pub fn setup(&self, index: usize, out_dir: Option<PathBuf>, purpose: Purpose) -> Setup {
         let instance = &self.instances[index];
         let scale = &self.scales[instance.scale];
@@ -230,7 +230,7 @@ impl Graph {
 
     /// The part of the rig that `wanted` nodes need: they, and what they get messages from, directly or through others, but for what
     /// comes back to them along an edge that closes a cycle; such inputs are only sampled, and stay open.
-    pub fn leading_to(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
+    pub fn upstream_of(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
         let mut kept: Vec<bool> = self.instances.iter().map(wanted).collect();
         let mut grew = true;
         while grew {

@@ -7,7 +7,7 @@
 //! | text → tables with the place of every word | `read`, `node_text`, `value` |
 //! | libraries of nodes opened | `libraries` |
 //! | scales in order, and which targets carry them | `scales`, `targets` |
-//! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `expected` |
+//! | each node alone: type, settings against their schema, cameras, made once on trial | `nodes`, `settings`, `schema_parts`, `expected` |
 //! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
 //! | cycles, then the schedule | `order`, `finish` |
 //! | requirements against the plan | `promise` |
@@ -29,8 +29,10 @@ mod reference;
 mod resolved;
 mod scales;
 mod schema;
+mod schema_parts;
 mod settings;
 mod targets;
+mod values;
 mod wire;
 
 use std::cell::RefCell;
@@ -228,21 +230,28 @@ fn calibration(rig: &RigText<'_>, rig_dir: &Path, findings: &mut Findings) -> Op
         Err(error) => {
             if let Some(what) = not_calibrated(&path) {
                 findings
-                    .error(file.span(), "this room is not calibrated yet", what)
+                    .error(file.span(), "the cameras are not calibrated yet", what)
                     .maybe_help(Some(CALIBRATE.to_owned()));
                 return None;
             }
+            let help = (!path.exists()).then(|| BEGIN_CALIBRATION.to_owned());
             for fault in &error.faults {
-                findings.error(file.span(), "the calibration cannot be used", fault);
+                findings.error(file.span(), "the calibration cannot be used", fault).maybe_help(help.clone());
             }
             None
         }
     }
 }
 
-const CALIBRATE: &str = "`foveate calibrate RIG --from-nothing --write` finds what is missing, from a light that somebody waves through the room";
+/// What to do about cameras that are not calibrated.
+const CALIBRATE: &str = "`foveate calibrate RIG --from-nothing --write` finds what is missing, from a waved light (`led.detector`), a wand (`--wand-mm 400`) \
+     or a chessboard (`board.detector`, or `--chessboard 8x6 --square-mm 30` for corners from a file)";
 
-/// What a calibration lacks that is fine but for what calibrating finds; `None`: it is no such file.
+/// What to do where the file of the calibration does not exist.
+const BEGIN_CALIBRATION: &str = "to calibrate, begin with a file of `[calibration]`, `length_unit = \"unknown\"` and, for each camera, `[camera.NAME]` with `image_size_px = [640, 480]`; \
+     then `foveate calibrate RIG --from-nothing --write`";
+
+/// What an otherwise valid calibration still lacks and calibrating finds; `None`: it is no such file.
 fn not_calibrated(path: &Path) -> Option<String> {
     let draft = Draft::load(path).ok()?;
     let of = |is_unknown: fn(&Unknown) -> bool| draft.unknown.values().filter(|it| is_unknown(it)).count();
@@ -270,7 +279,7 @@ fn pictures_fit(calibration: &Calibration, rig: &RigText<'_>, findings: &mut Fin
             "camera {}: found pictures of {columns} x {rows} px, expected at most {MOST_PIXELS} px, as 16384 x 16384",
             it.name
         );
-        findings.error(place.clone(), "the pictures of a camera fit into no memory", label);
+        findings.error(place.clone(), "the pictures of a camera do not fit into memory", label);
     }
     fits
 }

@@ -1,4 +1,4 @@
-//! Finds the output that a reference means, or says what there is instead.
+//! Resolves a reference to an output, or lists the outputs that exist.
 
 use std::any::TypeId;
 use std::collections::HashMap;

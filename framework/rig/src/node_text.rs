@@ -3,20 +3,14 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::grammar::connection::WHEN_FULL;
+use crate::grammar::node::ON_ERROR;
 use crate::grammar::{connection, node as grammar, requirement};
-use crate::graph::{Cost, OnError, Queue, Requirement, WhenFull};
+use crate::graph::{Cost, OnError, Queue, Requirement};
 use foveate_diagnostics::value::{Keys, Value};
 use foveate_diagnostics::{Findings, Span};
 use foveate_messages::Interval;
 use foveate_node::port::InputPolicy;
-
-/// Names of [`OnError`] in rigs.
-pub(super) const ON_ERROR: [(&str, OnError); 3] =
-    [("stop", OnError::Stop), ("skip", OnError::Skip), ("restart", OnError::Restart)];
-
-/// Names of [`WhenFull`] in rigs.
-pub(super) const WHEN_FULL: [(&str, WhenFull); 3] =
-    [("drop_oldest", WhenFull::DropOldest), ("drop_newest", WhenFull::DropNewest), ("wait", WhenFull::Wait)];
 
 /// A node as written.
 pub(super) struct NodeText<'t> {

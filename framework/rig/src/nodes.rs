@@ -16,15 +16,16 @@ use super::scales::ScaleDraft;
 use super::schema::written;
 use super::settings;
 use crate::graph::{SINK_CAPACITY, scale_id};
-use foveate_diagnostics::names::{did_you_mean, likely, listed, shown, there_is};
+use foveate_diagnostics::names::{available, did_you_mean, likely, listed, shown};
 use foveate_diagnostics::{Findings, Span};
 use foveate_node::ConfigError;
+use foveate_node::given;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
 use foveate_node::page::Pages;
 use foveate_node::registry::{NodeType, Registry, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
-use foveate_node::setup::{Claims, Purpose, Setup, Wanted};
+use foveate_node::setup::{Claims, NameReference, Purpose, Setup};
 use foveate_scene::selection::{SelectionError, select};
 
 /// A node after what can be said of it alone. What is `None` was at fault and has been reported.
@@ -59,8 +60,8 @@ pub(super) struct Surroundings<'r> {
     pub names_calibration: bool,
     pub rig_dir: &'r Path,
     pub claims: Claims,
-    /// What nodes named of each other's: where, by whom.
-    pub wanted: RefCell<Vec<(Span, String, Wanted)>>,
+    /// References from nodes to things of other nodes: the place in the rig, and the referring node.
+    pub wanted: RefCell<Vec<(Span, String, NameReference)>>,
     pub seed: u64,
     pub places: Arc<[ScalePlace]>,
 }
@@ -86,7 +87,7 @@ impl Surroundings<'_> {
         let plan = settings.as_ref().and_then(|it| match guarded(|| it.plan()) {
             Ok(plan) => Some(plan),
             Err(said) => {
-                let title = format!("`{}` cannot say what it will do", text.name.get_ref());
+                let title = format!("the plan of `{}` cannot be read", text.name.get_ref());
                 findings.error(text.header.clone(), title, format_args!("the node {said}: a mistake in its program"));
                 None
             }
@@ -120,7 +121,7 @@ impl Surroundings<'_> {
                 )
                 .help(match likely(name.get_ref(), known.iter().copied()) {
                     Some(meant) => format!("did you mean `{meant}`? `foveate nodes` lists all types"),
-                    None => format!("{}; `foveate nodes` lists them with what they do", there_is("the types", known)),
+                    None => format!("{}; `foveate nodes` lists them with what they do", available("the types", known)),
                 });
         }
         found.cloned()
@@ -176,9 +177,9 @@ impl Surroundings<'_> {
         Some(found)
     }
 
-    /// Names that no node has, once all nodes were tried out.
+    /// References that no node resolves, once all nodes were tried out.
     pub fn refuse_unknown_names(&self, findings: &mut Findings) {
-        for (place, node, Wanted { setting, kind, name }) in self.wanted.take() {
+        for (place, node, NameReference { setting, kind, name }) in self.wanted.take() {
             let offered = self.claims.offered(kind);
             if offered.is_empty() || offered.contains(&name) {
                 continue;
@@ -234,7 +235,7 @@ impl Surroundings<'_> {
             let entry = complaints.entry((setting, alike)).or_insert_with(|| (message, Vec::new()));
             entry.1.extend(camera_name.map(str::to_owned));
         }
-        let wanted = self.claims.take_wanted().into_iter().map(|it| {
+        let wanted = self.claims.take_references().into_iter().map(|it| {
             let place = settings::place_of(given, &it.setting).unwrap_or_else(|| text.header.clone());
             (place, text.name.get_ref().to_string(), it)
         });
@@ -267,6 +268,23 @@ pub(super) fn instance_path(scale: &str, node: &str, camera: Option<&str>) -> St
     }
 }
 
+/// Settings for a node, which knows no TOML.
+fn given_table(table: toml::Table) -> given::Table {
+    table.into_iter().map(|(key, value)| (key, given_value(value))).collect()
+}
+
+fn given_value(value: toml::Value) -> given::Value {
+    match value {
+        toml::Value::Boolean(it) => given::Value::Bool(it),
+        toml::Value::Integer(it) => given::Value::Integer(it),
+        toml::Value::Float(it) => given::Value::Float(it),
+        toml::Value::String(it) => given::Value::Text(it),
+        toml::Value::Array(it) => given::Value::List(it.into_iter().map(given_value).collect()),
+        toml::Value::Table(it) => given::Value::Table(given_table(it)),
+        toml::Value::Datetime(_) => given::Value::Other("a date"),
+    }
+}
+
 fn decode(
     node_type: &NodeType,
     text: &NodeText<'_>,
@@ -289,7 +307,7 @@ fn decode(
             return None;
         }
     };
-    let decoded = guarded(|| node_type.decode(table))
+    let decoded = guarded(|| node_type.decode(given_table(table)))
         .unwrap_or_else(|said| Err(ConfigError::node(format_args!("the node {said}: a mistake in its program"))));
     match decoded {
         Ok(settings) => Some(Arc::from(settings)),

@@ -1,4 +1,4 @@
-//! Requirements against what the plan can give: rates and least ages, carried from the sources along the schedule.
+//! Checks requirements against the plan: rates and least ages, propagated from the sources along the schedule.
 
 use super::lookup::Names;
 use super::nodes::instance_path;
@@ -7,7 +7,7 @@ use foveate_diagnostics::Findings;
 use foveate_node::node::Role;
 use foveate_node::port::InputPolicy;
 
-/// What an instance gives at best.
+/// The best that an instance can give.
 #[derive(Debug, Clone, Copy, Default)]
 struct Best {
     /// Messages a second on each output, at most; `None`: not known beforehand.
@@ -94,14 +94,18 @@ fn check_edge(names: &Names<'_, '_>, wiring: &Wiring, edge: &EdgeDraft, best: Be
     {
         let least = round(best.age_s * 1e3);
         let title = format!("input `{port}` of `{}` cannot be as young as required", consumer.name());
-        refuse(span, title, format!("found {age_ms} ms, expected at least {least} ms: that old it arrives at best"));
+        refuse(
+            span,
+            title,
+            format!("found {age_ms} ms, expected at least {least} ms: the least age at which messages can arrive"),
+        );
     }
     if let (Some(span), Some(wanted), Some(most)) = (&require.rate, require.requirement.rate_hz, best.rate_hz)
         && most < wanted * (1.0 - 1e-9)
     {
         let most = round(most);
         let title = format!("input `{port}` of `{}` cannot come as often as required", consumer.name());
-        refuse(span, title, format!("found {wanted} Hz, expected at most {most} Hz: more does not come"));
+        refuse(span, title, format!("found {wanted} Hz, expected at most {most} Hz: the most that can arrive"));
     }
 }
 

@@ -7,12 +7,10 @@ use super::grammar::{rig as head, scale};
 use super::libraries;
 use super::node_text::NodeText;
 use super::targets::{self, NamedTarget};
-use foveate_diagnostics::names::{is_plain, shown};
+use super::values::{plain_name, read_point};
+use foveate_diagnostics::names::shown;
 use foveate_diagnostics::value::{Keys, Value};
 use foveate_diagnostics::{Findings, Span};
-
-/// What a scale's, node's or rig's name looks like.
-const PLAIN: &str = "lower-case letters, digits, `_` and `-`";
 
 /// A rig as written.
 pub(super) struct RigText<'t> {
@@ -116,13 +114,6 @@ pub(super) fn is_duration(seconds: f64) -> bool {
     seconds > 0.0 && seconds <= head::LONGEST_S
 }
 
-pub(super) fn plain_name(what: &str, name: &Spanned<String>, findings: &mut Findings) {
-    if !is_plain(name.get_ref()) {
-        let title = format!("a {what} cannot be named `{}`", shown(name.get_ref()));
-        findings.error(name.span(), title, format_args!("expected {PLAIN}"));
-    }
-}
-
 fn read_scale<'t>(
     name: Spanned<String>,
     value: Value<'t>,
@@ -187,18 +178,4 @@ fn read_volume(key: &Spanned<String>, value: Value<'_>, text: &str, findings: &m
         return None;
     }
     Some(volume)
-}
-
-pub(super) fn read_point(key: &str, value: &Value<'_>, findings: &mut Findings) -> Option<[f64; 3]> {
-    let expected = "three numbers [m]";
-    let items = value.get_ref().as_array().filter(|it| it.len() == 3);
-    let Some(items) = items else {
-        findings.not_as_expected(key, value, expected);
-        return None;
-    };
-    let mut point = [None; 3];
-    for (number, item) in point.iter_mut().zip(items) {
-        *number = findings.number(key, item, "a number [m]", f64::is_finite);
-    }
-    Some([point[0]?, point[1]?, point[2]?])
 }

@@ -9,9 +9,11 @@ use foveate_scene::AnchorRule;
 use serde_json::Value as Json;
 use toml::Value;
 
+use super::grammar::connection::WHEN_FULL;
+use super::grammar::node::ON_ERROR;
 use super::grammar::{self, Key};
 use super::lookup::Names;
-use super::node_text::{ON_ERROR, RequireText, WHEN_FULL};
+use super::node_text::RequireText;
 use super::nodes::NodeDraft;
 use super::read::RigText;
 use super::reference::Reference;

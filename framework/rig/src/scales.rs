@@ -39,7 +39,7 @@ pub(super) struct ScaleDraft {
     pub sound: bool,
 }
 
-/// As nodes are told of them; for scales in order.
+/// In the form that nodes get; for scales in order.
 pub(super) fn places(scales: &[ScaleDraft]) -> Arc<[ScalePlace]> {
     let place = |it: &ScaleDraft| ScalePlace {
         name: it.name.clone(),

@@ -11,12 +11,11 @@ use toml::de::{DeTable, DeValue};
 
 use super::expected::{bounds, expectation, unit_of};
 use super::grammar;
+use super::schema_parts::{alternatives, collect_properties, description, kinds, resolved, words};
 use foveate_diagnostics::names::{did_you_mean, likely, one_of, shown};
 use foveate_diagnostics::value::{Value, described, number, whole};
 use foveate_diagnostics::{Findings, Span};
 
-/// References to references to … that are followed.
-const MOST_REFERENCES: usize = 32;
 /// Depth at which a schema that holds itself is no longer followed.
 const DEEPEST: usize = 200;
 
@@ -26,39 +25,9 @@ pub(super) fn check(schema: &Json, type_name: &str, settings: &DeTable<'_>, head
     walk.table(schema, "", settings, header, 0);
 }
 
-/// Follows local references.
-pub(super) fn resolved<'s>(root: &'s Json, mut schema: &'s Json) -> &'s Json {
-    for _ in 0..MOST_REFERENCES {
-        let Some(reference) = schema.get("$ref").and_then(Json::as_str) else { break };
-        let Some(target) = reference.strip_prefix('#').and_then(|it| root.pointer(it)) else { break };
-        schema = target;
-    }
-    schema
-}
-
-/// Alternatives other than "nothing".
-pub(super) fn alternatives(schema: &Json) -> Option<Vec<&Json>> {
-    let list = schema.get("anyOf").or_else(|| schema.get("oneOf"))?.as_array()?;
-    let is_null = |it: &&Json| it.get("type").and_then(Json::as_str) == Some("null");
-    Some(list.iter().filter(|it| !is_null(it)).collect())
-}
-
-/// The words that a schema allows, where it allows nothing but words.
-pub(super) fn words<'s>(root: &'s Json, schema: &'s Json) -> Option<Vec<&'s str>> {
-    let schema = resolved(root, schema);
-    if let Some(word) = schema.get("const") {
-        return Some(vec![word.as_str()?]);
-    }
-    if let Some(list) = schema.get("enum").and_then(Json::as_array) {
-        return list.iter().filter(|it| !it.is_null()).map(Json::as_str).collect();
-    }
-    let lists: Option<Vec<_>> = alternatives(schema)?.into_iter().map(|it| words(root, it)).collect();
-    lists.map(|it| it.concat()).filter(|it| !it.is_empty())
-}
-
 struct Walk<'s, 'f> {
     root: &'s Json,
-    /// Whose settings these are, for messages.
+    /// Owner of the settings, for messages.
     owner: String,
     findings: &'f mut Findings,
 }
@@ -198,7 +167,7 @@ impl<'s> Walk<'s, '_> {
         self.findings.append(best);
     }
 
-    /// What the alternative finds that finds least; nothing, if one of them fits.
+    /// The faults of the alternative that has the fewest; none if one of them fits.
     fn best(&mut self, choices: &[&'s Json], mut check: impl FnMut(&mut Walk<'s, '_>, &'s Json)) -> Findings {
         let mut best: Option<Findings> = None;
         for choice in choices {
@@ -333,50 +302,10 @@ fn fitting<'s>(root: &'s Json, choices: &[&'s Json], table: &DeTable<'_>) -> Vec
     if fitting.is_empty() { choices.to_vec() } else { fitting }
 }
 
-/// All keys that a table of this schema may have, with their schemas; `open` when it may have any.
-pub(super) fn collect_properties<'s>(
-    root: &'s Json,
-    schema: &'s Json,
-    known: &mut Vec<(&'s str, &'s Json)>,
-    open: &mut bool,
-    depth: usize,
-) {
-    if depth > MOST_REFERENCES {
-        return;
-    }
-    let schema = resolved(root, schema);
-    let properties = schema.get("properties").and_then(Json::as_object);
-    known.extend(properties.into_iter().flatten().map(|(name, it)| (name.as_str(), it)));
-    let mut has_parts = false;
-    for part in ["allOf", "anyOf", "oneOf"].iter().filter_map(|it| schema.get(it)?.as_array()).flatten() {
-        has_parts = true;
-        collect_properties(root, part, known, open, depth + 1);
-    }
-    let other = schema.get("additionalProperties").or_else(|| schema.get("unevaluatedProperties"));
-    *open |= match other {
-        Some(other) => other.is_object() || other.as_bool() == Some(true),
-        None => properties.is_none() && !has_parts,
-    };
-}
-
-/// What the schema's author wrote about it.
-pub(super) fn description(schema: &Json) -> Option<&str> {
-    schema.get("description").and_then(Json::as_str)
-}
-
 /// The first paragraph of a documentation on one line.
 fn first_paragraph(text: &str) -> String {
     let first = text.split("\n\n").next().unwrap_or_default();
     first.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-/// The JSON types that a schema allows; empty: any.
-pub(super) fn kinds(schema: &Json) -> Vec<&str> {
-    match schema.get("type") {
-        Some(Json::String(kind)) => vec![kind],
-        Some(Json::Array(list)) => list.iter().filter_map(Json::as_str).collect(),
-        _ => Vec::new(),
-    }
 }
 
 /// A table's entries in the order of the text.

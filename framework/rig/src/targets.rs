@@ -7,32 +7,13 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value as Json;
 use toml::Spanned;
 
-use super::grammar::target::{self as grammar, NS_PER_MS, NS_PER_S};
+use super::grammar::target::{self as grammar, NS_PER_MS, NS_PER_S, PICKS, Word};
 use super::grammar::{Key, table};
-use super::read::{plain_name, read_point};
+use super::values::{plain_name, read_point};
 use foveate_diagnostics::Findings;
 use foveate_diagnostics::value::{Keys, Value};
 
-/// A word of `pick`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Word {
-    First,
-    Highest,
-    Lowest,
-    Nearest,
-    Id,
-}
-
-/// The words of `pick`.
-pub(super) const PICKS: [(&str, Word); 5] = [
-    ("first", Word::First),
-    ("highest", Word::Highest),
-    ("lowest", Word::Lowest),
-    ("nearest", Word::Nearest),
-    ("id", Word::Id),
-];
-
-/// A name and the rule that says who carries it.
+/// A name and the rule that picks the target that carries it.
 #[derive(Debug, Clone)]
 pub(super) struct NamedTarget {
     pub name: Spanned<String>,

@@ -100,7 +100,7 @@ impl<'a> Consumer<'_, 'a, '_> {
             match known.map(|ports| ports.iter().find(|it| it.name == name)) {
                 Some(None) => self.no_such_port(&require.port, known.unwrap_or_default(), findings),
                 Some(Some(port)) if port.optional && self.is_open(name) => {
-                    let title = format!("`require.{name}` is about an edge that is not there");
+                    let title = format!("`require.{name}` refers to an edge that does not exist");
                     let label = format!("found no source at port `{name}`");
                     findings
                         .error(require.port.span(), title, label)

@@ -1,6 +1,6 @@
-//! Which target carries the space of a scale: picked by a rule, kept as long as it lives, lost, and found again.
+//! Which target carries the space of a scale: picked by a rule, kept as long as it exists, lost, and found again.
 //!
-//! Fed with all targets of one scale at one time after another, an [`Anchor`] answers where the one that it follows is, or that it is
+//! An [`Anchor`] takes all targets of one scale, one time after another, and gives the state of the one that it follows, or that it is
 //! lost. It knows no messages and no clock:
 //!
 //! | the target | the anchor |
@@ -8,16 +8,16 @@
 //! | listed, and measured within the last `lost_ns` | follows it, predicted samples included |
 //! | not listed any more, or predicted only for longer | lost since it was last measured |
 //! | measured again under the same identity | followed again at once |
-//! | lost, and another one has been the choice for `settle_ns` | follows that one from then on |
+//! | lost, and the rule has picked another one for `settle_ns` | follows that one from then on |
 //!
-//! What has not been measured within `lost_ns` is never picked, so that a target that is only extrapolated does not come straight back.
+//! A target that was not measured within `lost_ns` is never picked, so that one that is only extrapolated is not picked again at once.
 
 use nalgebra::{Matrix6, Point3, Vector3};
 
 /// Which of several targets is picked.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Pick {
-    /// The one that has lived longest: of the smallest identity.
+    /// The oldest one: of the smallest identity.
     #[default]
     First,
     /// The one with the greatest z.
@@ -30,20 +30,20 @@ pub enum Pick {
     Id(u32),
 }
 
-/// How a target is picked, kept and picked again.
+/// Rule by which a target is picked, kept and picked again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnchorRule {
     /// Which one is picked.
     pub pick: Pick,
     /// From the target to what is followed, in the axes of the targets' space [m].
     pub offset: Vector3<f64>,
-    /// Whether it stays with its target as long as that lives; else it changes over to whichever has become the choice.
+    /// Whether it stays with its target as long as that exists; otherwise it changes to the target that the rule picks now.
     pub keep: bool,
-    /// A target is taken up once it has been the choice for so long [ns].
+    /// A target is followed once the rule has picked it for this long [ns].
     pub settle_ns: i64,
     /// Not measured for longer than this is lost [ns].
     pub lost_ns: i64,
-    /// After a loss, for `again_ns`, only targets so near to where the lost one was last [m] are picked, the nearest first.
+    /// After a loss, for `again_ns`, only targets within this distance [m] of the last position are picked, the nearest first.
     pub again_within: Option<f64>,
     /// How long that holds [ns].
     pub again_ns: i64,
@@ -79,7 +79,7 @@ pub struct TargetObservation {
     pub is_measured: bool,
 }
 
-/// What an [`Anchor`] has to say.
+/// The state of an [`Anchor`].
 #[expect(clippy::large_enum_variant, reason = "each anchor holds one of it, and a box would be one more allocation")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AnchorState {
@@ -177,7 +177,7 @@ impl Anchor {
         }
     }
 
-    /// Those that have been measured of late, with the time.
+    /// Those that were measured recently, with the time.
     fn eligible(&self) -> impl Iterator<Item = (TargetObservation, i64)> + '_ {
         let is_fresh = |measured_ns: i64| self.now_ns.saturating_sub(measured_ns) <= self.rule.lost_ns;
         self.present.iter().filter_map(move |it| Some((it.0, it.1.filter(|it| is_fresh(*it))?)))

@@ -5,7 +5,7 @@
 //! ```toml
 //! [calibration]
 //! length_unit = "m"            # or "unknown", when the scale of the scene was never measured
-//! note = "by whom, how, when"  # optional
+//! note = "author, method, date"  # optional
 //!
 //! [camera.wide-1]
 //! image_size_px = [640, 240]
@@ -19,29 +19,25 @@
 //!
 //! Optional besides: `[provenance]` and `[camera.wide-1.uncertainty]`, see [`crate::uncertainty`].
 //!
-//! A section `[clock.wide-1]` may say how the camera's clock runs: see [`crate::clocks`]; a section `[head.ptz-1]`, on what head that camera turns:
-//! see [`crate::heads`].
+//! A section `[clock.wide-1]` may describe the camera's clock: see [`crate::clocks`]; a section `[head.ptz-1]`, the pan-tilt head that carries the
+//! camera: see [`crate::heads`].
 //!
 //! Calibrations of other programs are read too: see [`crate::formats`].
 
-use std::fmt::{self, Write as _};
-use std::fs::File;
-use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::fmt::Write as _;
+use std::path::Path;
 
 use foveate_geometry::Camera;
 use foveate_geometry::pan_tilt::HeadCovariance;
 use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
 
-use crate::calibration_file;
-use crate::clocks::{self, Clocks};
-use crate::formats::ImportOptions;
+use crate::clocks::Clocks;
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 use crate::heads::{CalibratedHead, Heads};
 use crate::natural_order::natural_order;
+use crate::text::{key, quoted};
 use crate::uncertainty::{Provenance, Uncertainties};
 
-/// Larger files are no calibration; this stops a reader that was given the wrong one, or a device, early [bytes].
-const MAX_FILE_SIZE: u64 = 16 << 20;
 /// Cameras are numbered with 16 bits.
 pub(crate) const MAX_CAMERAS: usize = u16::MAX as usize;
 
@@ -76,79 +72,10 @@ pub struct Calibration {
     pub heads: Heads,
     /// How it was made, where that is known.
     pub provenance: Option<Provenance>,
-    /// How well each camera is known, by its name; cameras of which nothing is known are left out.
+    /// Uncertainty of each camera, by its name; cameras without one are left out.
     pub uncertainties: Uncertainties,
-    /// Where it came from and what was changed on the way in, for people.
+    /// Where it came from and what was changed during import, for people.
     pub origin: String,
-}
-
-/// Everything that is wrong with a calibration.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CalibrationError {
-    /// In the order of the file; at least one.
-    pub faults: Vec<CalibrationDiagnostic>,
-}
-
-/// One thing that is wrong with a calibration.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CalibrationDiagnostic {
-    /// The file; empty when there is none.
-    pub file: PathBuf,
-    /// Line and column in `file`, both from 1, the column in characters.
-    pub place: Option<(usize, usize)>,
-    /// The camera concerned.
-    pub camera: Option<String>,
-    /// What is there.
-    pub found: String,
-    /// What should be there.
-    pub expected: String,
-}
-
-impl fmt::Display for CalibrationDiagnostic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !self.file.as_os_str().is_empty() {
-            write!(f, "{}", self.file.display())?;
-            if let Some((line, column)) = self.place {
-                write!(f, ":{line}:{column}")?;
-            }
-            f.write_str(": ")?;
-        }
-        if let Some(camera) = &self.camera {
-            write!(f, "camera {camera:?}: ")?;
-        }
-        write!(f, "{}, expected {}", self.found, self.expected)
-    }
-}
-
-impl fmt::Display for CalibrationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines: Vec<String> = self.faults.iter().map(CalibrationDiagnostic::to_string).collect();
-        f.write_str(&lines.join("\n"))
-    }
-}
-
-impl std::error::Error for CalibrationError {}
-
-impl From<CalibrationDiagnostic> for CalibrationError {
-    fn from(fault: CalibrationDiagnostic) -> Self {
-        CalibrationError { faults: vec![fault] }
-    }
-}
-
-impl CalibrationError {
-    /// The same with `file` in every fault that names none.
-    pub(crate) fn in_file(mut self, file: &Path) -> Self {
-        self.faults.iter_mut().filter(|it| it.file.as_os_str().is_empty()).for_each(|it| it.file = file.to_owned());
-        self
-    }
-}
-
-impl CalibrationDiagnostic {
-    /// A fault of `file` as a whole.
-    pub(crate) fn of_file(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> Self {
-        let (found, expected) = (found.into(), expected.into());
-        CalibrationDiagnostic { file: file.to_owned(), place: None, camera: None, found, expected }
-    }
 }
 
 impl Calibration {
@@ -186,19 +113,6 @@ impl Calibration {
             true => Ok(self),
             false => Err(CalibrationError { faults }),
         }
-    }
-
-    /// Reads a file or folder of any known form, which is told from what is in it: see [`crate::formats`].
-    ///
-    /// # Errors
-    /// Every fault found, with its place; when no form fits, what was looked for.
-    pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
-        Calibration::load_with(path, &ImportOptions::default())
-    }
-
-    /// Reads the text of a TOML file; `path` is for the messages, and stands for the origin where `note` is missing.
-    pub fn from_toml(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
-        calibration_file::parse(text, path)
     }
 
     /// The place of the camera called `name`, which is its number.
@@ -253,7 +167,7 @@ impl Calibration {
         let mut text = format!("[calibration]\nlength_unit = \"{unit}\"\nnote = {}\n", quoted(&self.origin));
         text.extend(self.provenance.as_ref().map(Provenance::to_toml));
         for NamedCamera { name, camera } in &self.cameras {
-            let key = clocks::key(name);
+            let key = key(name);
             let Camera { image_size, intrinsics, distortion: lens, camera_from_world } = camera;
             let centre = camera.centre();
             let turn = camera_from_world.rotation;
@@ -277,49 +191,6 @@ impl Calibration {
         }
         text + &self.clocks.to_toml() + &self.heads.to_toml()
     }
-}
-
-/// A TOML basic string on one line, which may stand as a key too.
-pub(crate) fn quoted(text: &str) -> String {
-    let mut quoted = String::from("\"");
-    for it in text.chars() {
-        match it {
-            '"' | '\\' => quoted.extend(['\\', it]),
-            it if it.is_control() => quoted.extend(format!("\\u{:04X}", u32::from(it)).chars()),
-            it => quoted.push(it),
-        }
-    }
-    quoted.push('"');
-    quoted
-}
-
-/// Reads a text file of at most 16 MiB.
-pub(crate) fn read_text(path: &Path) -> Result<String, CalibrationDiagnostic> {
-    let unreadable =
-        |error: std::io::Error| CalibrationDiagnostic::of_file(path, format!("cannot be read ({error})"), "a file");
-    let mut bytes = Vec::new();
-    File::open(path).and_then(|file| file.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
-    if bytes.len() as u64 > MAX_FILE_SIZE {
-        return Err(CalibrationDiagnostic::of_file(path, "has more than 16 MiB", "a calibration of at most 16 MiB"));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let place = Some(place_of(&String::from_utf8_lossy(before), before.len()));
-        let fault = CalibrationDiagnostic::of_file(path, "a byte that is not UTF-8", "a text file in UTF-8");
-        CalibrationDiagnostic { place, ..fault }
-    })
-}
-
-/// Line and column, both from 1, of the byte `offset` in `text`.
-pub(crate) fn place_of(text: &str, offset: usize) -> (usize, usize) {
-    let before = text.get(..offset).unwrap_or(text);
-    let line_start = before.rfind('\n').map_or(0, |it| it + 1);
-    (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
-}
-
-/// Faults in the order of places in the file; those without a place first.
-pub(crate) fn sort_by_place(faults: &mut [CalibrationDiagnostic]) {
-    faults.sort_by(|a, b| a.file.cmp(&b.file).then_with(|| a.place.cmp(&b.place)));
 }
 
 #[cfg(test)]

@@ -9,10 +9,12 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use toml::Spanned;
 use toml::de::DeTable;
 
-use crate::calibration::{Calibration, CalibrationError, LengthUnit, MAX_CAMERAS, NamedCamera};
+use crate::calibration::{Calibration, LengthUnit, MAX_CAMERAS, NamedCamera};
 use crate::clocks::{CameraClock, Clocks};
 use crate::draft::{Draft, Unknown, guessed_focal, middle};
+use crate::error::CalibrationError;
 use crate::pose2sim;
+use crate::text::read_text;
 use crate::toml_reader::{Reader, Value, read};
 use crate::uncertainty::Uncertainties;
 
@@ -35,6 +37,31 @@ const CAMERA_KEYS: [&str; 9] = [
 const CLOCK_KEYS: [&str; 4] = ["offset_s", "rate", "offset_sigma_s", "frame_rate_hz"];
 const DISTORTION_KEYS: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 
+impl Calibration {
+    /// Reads the text of a TOML file; `path` is for the messages, and is the origin where `note` is missing.
+    pub fn from_toml(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
+        parse(text, path)
+    }
+}
+
+impl Clocks {
+    /// Reads the `clock` sections of a TOML file; the other sections of a calibration may stand beside them.
+    ///
+    /// # Errors
+    /// All faults with their places; a file without any clock.
+    pub fn load(path: &Path) -> Result<Clocks, CalibrationError> {
+        Clocks::from_toml(&read_text(path)?, path)
+    }
+
+    /// As [`Clocks::load`], from the text of the file; `path` is for the messages.
+    ///
+    /// # Errors
+    /// As [`Clocks::load`].
+    pub fn from_toml(text: &str, path: &Path) -> Result<Clocks, CalibrationError> {
+        parse_clocks(text, path)
+    }
+}
+
 /// Reads `text`, ours or of Pose2Sim and its kin; `path` is for the messages.
 pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationError> {
     let parts = read(text, path, |reader, root, whole| match pose2sim::is_meant(root) {
@@ -44,7 +71,7 @@ pub(crate) fn parse(text: &str, path: &Path) -> Result<Calibration, CalibrationE
     parts.checked().map_err(|error| error.in_file(path))
 }
 
-/// Whether `text` is a document of ours, as far as can be told.
+/// Whether `text` looks like a document of ours.
 pub(crate) fn is_ours(text: &str) -> bool {
     let (document, _) = DeTable::parse_recoverable(text);
     let root = document.get_ref();
@@ -164,7 +191,7 @@ impl Reader<'_> {
         cameras
     }
 
-    /// Reads all keys before it gives up, so that all their faults are found.
+    /// Reads all keys before it returns an error, so that all their faults are found.
     fn camera(&mut self, table: &DeTable<'_>, at: Range<usize>, unknown: Unknown) -> Option<Camera> {
         self.refuse_unknown(table, "key", &CAMERA_KEYS);
         let pose_is_missing = !unknown.pose && lacks_pose(table);
@@ -220,7 +247,11 @@ impl Reader<'_> {
     fn pixel_aspect(&mut self, table: &DeTable<'_>, unknown: Unknown) -> Option<f64> {
         let Some(value) = table.get("pixel_aspect") else { return Some(1.0) };
         if !unknown.focal {
-            self.report(value.span(), "pixel_aspect beside focal_px".into(), "one of them: focal_px tells both".into());
+            self.report(
+                value.span(),
+                "pixel_aspect beside focal_px".into(),
+                "one of them: focal_px implies pixel_aspect".into(),
+            );
             return None;
         }
         let aspect = self.number(value, "pixel_aspect")?;

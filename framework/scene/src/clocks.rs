@@ -12,10 +12,8 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::Path;
 
-use crate::calibration::{CalibrationError, quoted, read_text};
-use crate::calibration_file;
+use crate::text::key;
 
 /// A camera's clock: camera time = `offset_s` + `rate` · session time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,22 +52,6 @@ impl CameraClock {
 pub struct Clocks(pub BTreeMap<String, CameraClock>);
 
 impl Clocks {
-    /// Reads the `clock` sections of a TOML file; the other sections of a calibration may stand beside them.
-    ///
-    /// # Errors
-    /// All faults with their places; a file without any clock.
-    pub fn load(path: &Path) -> Result<Clocks, CalibrationError> {
-        Clocks::from_toml(&read_text(path)?, path)
-    }
-
-    /// As [`Clocks::load`], from the text of the file; `path` is for the messages.
-    ///
-    /// # Errors
-    /// As [`Clocks::load`].
-    pub fn from_toml(text: &str, path: &Path) -> Result<Clocks, CalibrationError> {
-        calibration_file::parse_clocks(text, path)
-    }
-
     /// The sections as they stand in a file, each after an empty line. Reading them gives the same numbers.
     pub fn to_toml(&self) -> String {
         let mut text = String::new();
@@ -86,17 +68,14 @@ impl Clocks {
     }
 }
 
-/// A camera's name as a TOML key.
-pub(crate) fn key(name: &str) -> String {
-    let plain = !name.is_empty() && name.chars().all(|it| it.is_ascii_alphanumeric() || "-_".contains(it));
-    if plain { name.to_owned() } else { quoted(name) }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use proptest::prelude::*;
 
     use super::*;
+    use crate::error::CalibrationError;
 
     #[track_caller]
     fn parse(text: &str) -> Result<Clocks, CalibrationError> {

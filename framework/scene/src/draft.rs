@@ -1,24 +1,22 @@
 //! Calibrations before calibrating: files of ours in which cameras may lack what is not known yet.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use crate::calibration::{Calibration, CalibrationError, read_text};
-use crate::calibration_file;
+use crate::calibration::Calibration;
 
-/// A focal length that nobody stated is taken for so many widths of the picture: a lens of some 58° [–].
+/// Default for a focal length that is not stated, in widths of the picture: a lens of some 58° [–].
 const FOCAL_GUESS: f64 = 0.9;
 
 /// A calibration, some of whose numbers are guesses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draft {
-    /// All cameras; what is unknown of them stands for a guess, or for nothing where it is a pose.
+    /// All cameras; unknown numbers are guesses, unknown poses are the origin.
     pub calibration: Calibration,
-    /// What is unknown, by the camera's name; cameras of which everything is stated are left out.
+    /// What is unknown, by the camera's name; complete cameras are left out.
     pub unknown: BTreeMap<String, Unknown>,
 }
 
-/// What a file does not say of a camera.
+/// What a file does not state about a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Unknown {
     /// Both focal lengths: the calibration has a guess from the size of the picture.
@@ -29,27 +27,6 @@ pub struct Unknown {
     pub distortion: bool,
     /// Where it stands and looks: the calibration has the origin and no rotation.
     pub pose: bool,
-}
-
-impl Draft {
-    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`,
-    /// and `pixel_aspect` where its pixels are not square.
-    ///
-    /// # Errors
-    /// Every fault found, with its place.
-    pub fn load(path: &Path) -> Result<Draft, CalibrationError> {
-        if Draft::is_ours(path) {
-            return calibration_file::parse_draft(&read_text(path)?, path);
-        }
-        Ok(Draft { calibration: Calibration::load(path)?, unknown: BTreeMap::new() })
-    }
-
-    /// Whether the file at `path` is of our own form.
-    pub fn is_ours(path: &Path) -> bool {
-        path.is_file()
-            && path.extension().is_some_and(|it| it == "toml")
-            && read_text(path).is_ok_and(|text| calibration_file::is_ours(&text))
-    }
 }
 
 /// The focal lengths to begin with for pictures of this size [px] whose pixels are `aspect` = fy/fx as wide as they are high [–]: ½ for
@@ -67,6 +44,8 @@ pub fn middle(image_size: [u32; 2]) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
 
     fn draft(text: &str) -> Result<Draft, String> {

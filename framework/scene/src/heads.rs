@@ -34,7 +34,7 @@ use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Point3, SMatrix, Unit, Vector3};
 use toml::de::DeTable;
 
-use crate::clocks::key;
+use crate::text::key;
 use crate::toml_reader::{Reader, Value};
 
 const HEAD_KEYS: [&str; 8] =
@@ -184,7 +184,7 @@ impl Reader<'_> {
         heads
     }
 
-    /// Reads all keys before it gives up, so that all their faults are found.
+    /// Reads all keys before it returns an error, so that all their faults are found.
     fn head(&mut self, table: &DeTable<'_>, at: Range<usize>) -> Option<Head> {
         self.refuse_unknown(table, "key", &HEAD_KEYS);
         let axes = ["pan_axis", "tilt_axis"].map(|key| {

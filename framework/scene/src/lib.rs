@@ -5,7 +5,7 @@
 //! | [`anchor`] | [`Anchor`]: which target carries the space of a scale, and whether it is lost |
 //! | [`calibration`] | [`Calibration`]: the cameras of a rig, read from a file of ours, of Pose2Sim, or from MultiCamSelfCal's results |
 //! | [`clocks`] | [`Clocks`]: how each camera's clock runs against the session's |
-//! | [`draft`] | [`Draft`]: a calibration before calibrating, of which not all is known |
+//! | [`draft`] | [`Draft`]: an incomplete calibration, the input of calibrating |
 //! | [`formats`] | [`Format`]: calibrations of other programs, read and written |
 //! | [`heads`] | [`Heads`]: pan-tilt heads, with their axes, limits and units |
 //! | [`shape_file`] | models of shapes that deform, read and written |
@@ -22,6 +22,7 @@ pub mod calibration;
 mod calibration_file;
 pub mod clocks;
 pub mod draft;
+mod error;
 pub mod formats;
 pub mod heads;
 mod multi_cam_self_cal;
@@ -32,6 +33,7 @@ pub mod shape_file;
 mod shared_lens;
 pub mod skeleton;
 pub mod space;
+mod text;
 mod toml_reader;
 mod uncertain_pose;
 pub mod uncertainty;
@@ -39,9 +41,10 @@ pub mod volume;
 pub mod wall;
 
 pub use anchor::{Anchor, AnchorRule, AnchorState, Pick, TargetObservation};
-pub use calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
+pub use calibration::{Calibration, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
 pub use draft::{Draft, Unknown};
+pub use error::{CalibrationDiagnostic, CalibrationError};
 pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
 pub use heads::{CalibratedHead, Head, Heads};
 pub use natural_order::natural_order;

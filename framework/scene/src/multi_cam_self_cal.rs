@@ -24,9 +24,11 @@ use std::path::Path;
 use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Matrix3x4, Vector4};
 
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, read_text};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 use crate::natural_order::natural_order;
 use crate::shared_lens;
+use crate::text::read_text;
 
 /// The file that makes a folder one of MultiCamSelfCal.
 pub(crate) const MATRICES: &str = "Pmatrices.dat";

@@ -118,7 +118,7 @@ fn name(reader: &mut Reader<'_>, table: &DeTable<'_>) -> Option<String> {
     reader.expect(text, value, "name", "a name")
 }
 
-/// Reads all keys before it gives up, so that all their faults are found.
+/// Reads all keys before it returns an error, so that all their faults are found.
 fn camera(reader: &mut Reader<'_>, table: &DeTable<'_>, at: Range<usize>) -> Option<Camera> {
     reader.refuse_unknown(table, "key", &KEYS);
     let size = reader.numbers::<2>(table, "size", at.clone()).and_then(|size| {

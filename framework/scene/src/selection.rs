@@ -3,7 +3,7 @@
 use std::fmt;
 
 pub use foveate_diagnostics::names::matches;
-use foveate_diagnostics::names::{did_you_mean, likely, shown, there_is};
+use foveate_diagnostics::names::{available, did_you_mean, likely, shown};
 
 /// Why patterns select nothing.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub fn select(patterns: &[&str], names: &[&str]) -> Result<Vec<usize>, Selection
             let found = format!("no camera of the calibration matches `{}`", shown(&bare));
             let help = match likely(bare, names.iter().copied()).filter(|_| !bare.contains(['*', '?'])) {
                 Some(_) => did_you_mean(bare, "its cameras", names.iter().copied()),
-                None => there_is("its cameras", names.iter().copied()),
+                None => available("its cameras", names.iter().copied()),
             };
             return Err(SelectionError { pattern: Some(index), found, help });
         }
@@ -52,7 +52,7 @@ pub fn select(patterns: &[&str], names: &[&str]) -> Result<Vec<usize>, Selection
     if selected.is_empty() {
         let all: Vec<String> = patterns.iter().map(|it| format!("`{}`", shown(it))).collect();
         let found = format!("{} leave no camera", all.join(", "));
-        return Err(SelectionError { pattern: None, found, help: there_is("the cameras", names.iter().copied()) });
+        return Err(SelectionError { pattern: None, found, help: available("the cameras", names.iter().copied()) });
     }
     Ok(selected)
 }

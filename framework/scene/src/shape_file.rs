@@ -28,7 +28,7 @@ use foveate_geometry::shape_model::{Bases, ShapeModel, Usual};
 use nalgebra::{DMatrix, Matrix3, Point3};
 use toml::de::DeTable;
 
-use crate::calibration::{CalibrationDiagnostic, CalibrationError};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 use crate::toml_reader::{Reader, read};
 
 const SECTIONS: [&str; 3] = ["shape_model", "mark", "base"];
@@ -64,8 +64,9 @@ pub fn load_shape_model(path: &Path) -> Result<ShapeModel, CalibrationError> {
 
 /// The file's text.
 pub fn shape_model_to_toml(model: &ShapeModel) -> String {
-    let mut text =
-        String::from("# A shape that deforms: places of marks and ways in which they move together.\n[shape_model]\n");
+    let mut text = String::from(
+        "# A shape that deforms: places of marks and the modes in which they move together.\n[shape_model]\n",
+    );
     let kind = match model.bases {
         Bases::Faces { .. } => "faces",
         Bases::Components { .. } => "components",

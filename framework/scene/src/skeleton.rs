@@ -6,8 +6,8 @@
 //! | channels | positions are added to the offset; rotations are multiplied in the order in which they stand: `Zrotation Yrotation Xrotation` is Rz Ry Rx | the file's, degrees |
 //! | poses | product of offset and channels from the root on | m |
 //!
-//! Values stay as the file has them, so that reading and writing again loses nothing. BVH has y up as a rule, and no unit: whoever asks for poses says how
-//! many metres one is ([`CMU_UNIT_M`] for the recordings of Carnegie Mellon University).
+//! Values stay as the file has them, so that reading and writing again loses nothing. BVH usually has y up, and no unit: the caller of the poses states how
+//! many metres one unit is ([`CMU_UNIT_M`] for the recordings of Carnegie Mellon University).
 
 mod read;
 pub mod retarget;

@@ -6,7 +6,8 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::calibration::{CalibrationDiagnostic, CalibrationError, place_of, sort_by_place};
+use crate::error::{CalibrationDiagnostic, CalibrationError, sort_by_place};
+use crate::text::place_of;
 
 pub(crate) type Value<'i> = Spanned<DeValue<'i>>;
 
@@ -29,7 +30,7 @@ pub(crate) fn read<T>(
     if reader.faults.is_empty() { Ok(read) } else { Err(reader.into_error()) }
 }
 
-/// One document being read: what is wrong gathers in `faults`, so that all of it is told at once.
+/// One document being read: all faults are collected in `faults` and reported together.
 pub(crate) struct Reader<'a> {
     /// The whole of it.
     pub text: &'a str,

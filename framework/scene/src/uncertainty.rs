@@ -30,7 +30,7 @@ use foveate_geometry::Distortion;
 use nalgebra::Matrix6;
 use toml::de::DeTable;
 
-use crate::calibration::quoted;
+use crate::text::quoted;
 use crate::toml_reader::{Reader, Value};
 
 const PROVENANCE_KEYS: [&str; 7] = ["method", "date", "sources", "residual_median_px", "scale", "gravity", "origin"];
@@ -76,7 +76,7 @@ pub struct Provenance {
     pub origin: Option<Fixed>,
 }
 
-/// What fixes a freedom that images alone leave open, and how well.
+/// What fixes a degree of freedom that images alone do not determine, and how well.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fixed {
     /// Such as `a wand of 0.4 m`.

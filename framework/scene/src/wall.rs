@@ -24,8 +24,9 @@ use foveate_geometry::{Distortion, PlaneMap};
 use nalgebra::{Matrix3, SMatrix, Vector2};
 use toml::de::DeTable;
 
-use crate::calibration::{CalibrationError, read_text};
-use crate::clocks::key;
+use crate::error::CalibrationError;
+use crate::text::key;
+use crate::text::read_text;
 use crate::toml_reader::{Reader, Value, read};
 
 const SECTIONS: [&str; 2] = ["wall", "camera"];
@@ -58,7 +59,7 @@ pub struct WallCamera {
     pub map: PlaneMap,
     /// Error at dots that the fit did not know, root mean square [px of the wall].
     pub held_out_px: f64,
-    /// Brightest pixel of a dot that the wall showed, median over dots [gray level].
+    /// Brightest pixel of a displayed dot, median over dots [gray level].
     pub brightest: f64,
 }
 

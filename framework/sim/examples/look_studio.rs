@@ -12,7 +12,7 @@ use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Image, PixelFormat, Time};
 use foveate_scene::skeleton::SkeletonMotion;
 use foveate_sim::camera::{CameraSettings, Renderer, SensorSettings};
-use foveate_sim::person::{Told, WholeBody};
+use foveate_sim::person::{RecordingHints, WholeBody};
 use foveate_sim::studio::StudioSettings;
 use foveate_sim::world::{Body, Recordings, SceneSettings, WalkKind, World};
 use nalgebra::Point3;
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => Vec::new(),
         Some(file) => {
             let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(file)?)?;
-            vec![Body::Whole(Arc::new(WholeBody::new(&motion, Told::default(), scene.walk_area_m)?))]
+            vec![Body::Whole(Arc::new(WholeBody::new(&motion, RecordingHints::default(), scene.walk_area_m)?))]
         }
     };
     let recordings = Recordings { bodies, ..Recordings::default() };

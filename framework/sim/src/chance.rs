@@ -1,4 +1,4 @@
-//! Randomness that depends on what is asked for and not on when: any event of any timeline can be drawn by its number.
+//! Random numbers by index: any event of any timeline can be drawn by its number, in any order.
 
 use foveate_estimation::random::Random;
 

@@ -3,7 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`lab`] | the room and its eighteen wide cameras |
-//! | [`person`] | somebody who walks about with eight LEDs: a pure function of time |
+//! | [`person`] | a walking person with eight LEDs: a pure function of time |
 //! | [`painted`] | the actor's painted face: how it deforms, where its marks are, how it looks |
 //! | [`truth`] | cameras, lenses and heads as they truly are, apart from what calibrations say |
 //! | [`world`] | people and clutter together, as a message |
@@ -11,7 +11,7 @@
 //! | [`projector`] | a projector: what it shows when, and where its light falls |
 //! | [`observer`] | from the world to features, without a picture |
 //! | [`studio`] | people in clothes, furniture and lamps: textured surfaces in colour |
-//! | [`timing`] | a camera's clock, the way of its data, its failures |
+//! | [`timing`] | a camera's clock, its delivery, its failures |
 //! | [`head`] | a pan-tilt head with mechanics and a line, byte by byte |
 //! | [`score`] | recovered targets against the truth |
 //! | [`wall`] | a wall of displays, what it shows, and people with laser pointers |
@@ -39,7 +39,7 @@ pub mod world;
 
 use foveate_node::Registry;
 
-/// Makes the nodes of this room known.
+/// Registers the nodes of this room.
 pub fn register(registry: &mut Registry) {
     registry.add::<nodes::lab::Lab>();
     registry.add::<nodes::camera::SimCamera>();

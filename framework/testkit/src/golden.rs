@@ -1,4 +1,4 @@
-//! Texts that are compared with a committed file, and written anew with `UPDATE_GOLDEN=1`.
+//! Texts that are compared with a committed file; `UPDATE_GOLDEN=1` rewrites it.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ pub fn check(path: impl AsRef<Path>, text: &str) {
     let expected = std::fs::read_to_string(&path)
         .unwrap_or_else(|error| panic!("{}: {error}; UPDATE_GOLDEN=1 writes it", path.display()));
     if let Some(difference) = first_difference(&expected, text) {
-        panic!("{}: {difference}\nUPDATE_GOLDEN=1 writes the file anew", path.display());
+        panic!("{}: {difference}\nUPDATE_GOLDEN=1 rewrites the file", path.display());
     }
 }
 

@@ -3,9 +3,9 @@
 //! | module | what it gives |
 //! |---|---|
 //! | [`scene`] | cameras and points whose truth is known: [`camera_ring`], [`render_spot`] |
-//! | [`lab`] | a lab with moving lights and all that is against them, and the score of who tracks them |
+//! | [`lab`] | a lab with moving lights and realistic disturbances, and the score of a tracker |
 //! | [`laws`] | checks that hold for every camera model, derivative and node, one call each |
-//! | [`golden`] | texts that are compared with a committed file, and written anew when asked |
+//! | [`golden`] | texts that are compared with a committed file, which can be rewritten |
 //! | [`allocation`] | an allocator that counts |
 //! | [`data`] | where the real recordings lie, if this machine has them |
 //! | `chromium` | a browser without a window, and what it shows (feature `browser`) |

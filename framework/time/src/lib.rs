@@ -1,4 +1,4 @@
-//! When and by whom a value was seen: session time, source, sequence number. Reads no clock.
+//! Session time, and stamps: when a value was captured, by which source, with which sequence number. Reads no clock.
 
 use std::fmt;
 use std::ops::{Add, Sub};
@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Time(pub i64);
 
-/// The signed distance between two moments [ns].
+/// A signed duration [ns].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Interval(pub i64);
 
 impl Time {
-    /// The start of the session.
+    /// Start of the session.
     pub const ZERO: Time = Time(0);
 
     /// Nearest nanosecond to `seconds`; values beyond ±292 years saturate, NaN is 0.
@@ -23,34 +23,34 @@ impl Time {
         Time((seconds * 1e9).round() as i64)
     }
 
-    /// In seconds; exact to 1 ns up to 104 days.
+    /// The time in seconds; exact to 1 ns up to 104 days.
     pub fn as_s(self) -> f64 {
         self.0 as f64 * 1e-9
     }
 }
 
 impl Interval {
-    /// Nearest nanosecond to `seconds`.
+    /// The duration nearest to `seconds`, to the nanosecond; saturates.
     pub fn from_s(seconds: f64) -> Interval {
         Interval((seconds * 1e9).round() as i64)
     }
 
-    /// Nearest nanosecond to `milliseconds`.
+    /// The duration nearest to `milliseconds`, to the nanosecond; saturates.
     pub fn from_ms(milliseconds: f64) -> Interval {
         Interval((milliseconds * 1e6).round() as i64)
     }
 
-    /// In seconds.
+    /// The duration in seconds.
     pub fn as_s(self) -> f64 {
         self.0 as f64 * 1e-9
     }
 
-    /// In milliseconds.
+    /// The duration in milliseconds.
     pub fn as_ms(self) -> f64 {
         self.0 as f64 * 1e-6
     }
 
-    /// Without its sign.
+    /// The absolute duration.
     pub fn abs(self) -> Interval {
         Interval(self.0.saturating_abs())
     }
@@ -83,37 +83,37 @@ impl fmt::Display for Time {
     }
 }
 
-/// The node instance that first put a value into the graph: a camera, a recording, a simulator.
+/// Number of the node instance that first put a value into the graph: a camera, a recording, a simulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, JsonSchema)]
 pub struct SourceId(pub u32);
 
-/// When the world was seen, by which source, and its number among that source's values.
+/// Capture time of a value, its source, and its number among that source's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Stamp {
-    /// Capture time: when the world was as the value says.
+    /// Capture time: the moment that the value describes.
     pub time: Time,
-    /// Who saw it.
+    /// Source of the value.
     pub source: SourceId,
     /// Counts up by one for each value of a source; a jump is a gap.
     pub sequence: u64,
 }
 
-/// A value and its [`Stamp`].
+/// A value with its [`Stamp`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamped<T> {
-    /// When and by whom.
+    /// Capture time, source and sequence number.
     pub stamp: Stamp,
-    /// What.
+    /// The value.
     pub value: T,
 }
 
 impl<T> Stamped<T> {
-    /// `value` as seen at the start of the session by source 0, for tests.
+    /// `value` with the time 0, source 0 and sequence number 0, for tests.
     pub fn at_zero(value: T) -> Self {
         Self { stamp: Stamp::default(), value }
     }
 
-    /// Capture time.
+    /// Capture time of the value.
     pub fn time(&self) -> Time {
         self.stamp.time
     }

@@ -1,4 +1,4 @@
-//! Who may come in.
+//! Which requests are accepted.
 //!
 //! A page of another site that a person has open could send requests here from that person's browser: its `Origin` is another one. A site whose name was made to
 //! point to this machine (DNS rebinding) has an `Origin` that looks right, but its name stands in `Host`: only addresses and names of this machine are
@@ -8,16 +8,16 @@ use std::net::{IpAddr, SocketAddr};
 
 use crate::http::Request;
 
-/// What the server takes for its own.
+/// Which names and tokens the server accepts.
 #[derive(Debug, Clone)]
 pub(crate) struct Admission {
     address: SocketAddr,
-    /// The name that it was told to listen at.
+    /// The name of its listening address.
     name: String,
     token: Option<String>,
 }
 
-/// Why somebody may not come in.
+/// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {
     Host,
@@ -41,7 +41,7 @@ impl Admission {
         Admission { address, name: name.to_owned(), token }
     }
 
-    /// Whether `request` may come in.
+    /// Whether `request` is accepted.
     pub(crate) fn check(&self, request: &Request) -> Result<(), Refusal> {
         if !request.host.as_deref().is_some_and(|it| self.is_own(it)) {
             return Err(Refusal::Host);

@@ -33,7 +33,7 @@ pub struct Counts {
     pub too_large: u64,
     /// Windows closed since they sent more messages a second than is taken.
     pub flooding: u64,
-    /// Windows closed since they did not read, or were not heard any more.
+    /// Windows closed because they did not read, or fell silent.
     pub stalled: u64,
     /// Messages of pages dropped since their node did not take them in time.
     pub dropped: u64,
@@ -52,7 +52,7 @@ impl Counts {
             (self.too_many, "connections were closed: too many at once or a second"),
             (self.too_large, "windows were closed: a message was too long"),
             (self.flooding, "windows were closed: too many messages a second"),
-            (self.stalled, "windows were closed: they did not read, or were not heard any more"),
+            (self.stalled, "windows were closed: they did not read, or fell silent"),
             (self.dropped, "messages of pages were dropped: their node did not take them in time"),
             (self.skipped, "messages to pages were skipped: they read too slowly"),
         ];
@@ -85,7 +85,7 @@ struct Entry {
     number: u64,
     greeting: Option<Arc<str>>,
     events: VecDeque<PageEvent>,
-    /// Somebody takes the events.
+    /// A node takes the events.
     is_held: bool,
 }
 
@@ -150,7 +150,7 @@ impl Board {
             return Err(format!("found the page `/{name}/` of `{}` already, expected another name", other.instance));
         }
         let before = inner.windows.values_mut().filter(|it| it.page == name);
-        before.for_each(|it| it.close = Some("the page was put up anew"));
+        before.for_each(|it| it.close = Some("the page was replaced"));
         inner.n_pages += 1;
         let number = inner.n_pages;
         let events = VecDeque::new();
@@ -162,7 +162,7 @@ impl Board {
         Ok(number)
     }
 
-    /// The node that put page `number` up is gone: the page stays, nobody takes its events.
+    /// The node of page `number` is gone: the page stays, and its events are dropped.
     pub(crate) fn leave(&self, name: &str, number: u64) {
         if let Some(entry) = self.lock().pages.get_mut(name).filter(|it| it.number == number) {
             entry.is_held = false;

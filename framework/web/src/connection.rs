@@ -17,7 +17,7 @@ use crate::http::{self, Reading, Request};
 
 /// A request must be there, and an answer or message taken, in this time.
 const LONGEST_STALL: Duration = Duration::from_secs(5);
-/// A socket that was not heard for so long is asked for a sign of life, and given up after as much again, twice: a computer that was put to sleep says no farewell.
+/// A socket without traffic for so long is sent a ping, and closed after twice as long again: a computer that was put to sleep closes nothing.
 const QUIET: Duration = Duration::from_secs(10);
 /// Longest message of a page [bytes].
 const MOST_MESSAGE: usize = 64 << 10;
@@ -27,7 +27,7 @@ const MOST_BYTES_A_SECOND: usize = 8 << 20;
 /// Messages of one window looked at in one turn, so that it does not keep the others.
 const A_TURN: u32 = 64;
 
-/// What becomes of a connection after a turn.
+/// State of a connection after a turn.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
     /// It waits for the other end.
@@ -92,7 +92,7 @@ impl Connection {
         matches!(self.state, State::Head { .. })
     }
 
-    /// Goes on as far as it can.
+    /// Does what it can without waiting.
     pub(crate) fn turn(&mut self, house: &House<'_>) -> Outcome {
         match std::mem::replace(&mut self.state, State::Over) {
             State::Head { stream, read } => self.read_head(house, stream, read),
@@ -179,7 +179,7 @@ impl Connection {
             return self.say(house, stream, http::words("405 Method Not Allowed", "expected GET"));
         }
         if request.is_bad_socket {
-            let text = "found a WebSocket asked for wrongly, expected version 13 with a key";
+            let text = "found an invalid WebSocket request, expected version 13 with a key";
             return self.say(
                 house,
                 stream,
@@ -319,7 +319,7 @@ impl Socket {
         let quiet = self.heard.elapsed();
         if quiet > 3 * QUIET {
             board.count(|it| it.stalled += 1);
-            return Err(format!("it was not heard for {} s", 3 * QUIET.as_secs()));
+            return Err(format!("it was silent for {} s", 3 * QUIET.as_secs()));
         }
         if quiet > QUIET && !self.asked {
             self.asked = true;

@@ -3,7 +3,7 @@
 //   const link = foveate({ opened() {}, text(words) {}, closed(why) {} });
 //   link.send("words");
 //   link.hostTime(performance.now())   // the same moment on the program's clock [ms]
-//   link.uncertainty()                 // half the shortest round trip of late [ms]: the clock cannot be off by more
+//   link.uncertainty()                 // half the shortest recent round trip [ms]: the clock cannot be off by more
 //
 // The clock is compared as NTP does: the program answers "ping T" with "pong T H", H its own time. The answer with the shortest round trip of the last
 // sixteen counts.

@@ -1,4 +1,4 @@
-//! One HTTP request read, one answer written. Each connection serves one request: a run has few pages and is asked seldom.
+//! One HTTP request read, one answer written. Each connection serves one request: a run has few pages and few requests.
 
 use std::fmt::Write;
 
@@ -16,9 +16,9 @@ pub(crate) struct Request {
     pub host: Option<String>,
     pub origin: Option<String>,
     pub cookie: Option<String>,
-    /// The key of a WebSocket that is asked for.
+    /// The key of a WebSocket request.
     pub socket_key: Option<String>,
-    /// It asks for a WebSocket, but not as it must.
+    /// An invalid WebSocket request.
     pub is_bad_socket: bool,
     /// Bytes of the head.
     pub length: usize,

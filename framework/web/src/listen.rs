@@ -4,7 +4,7 @@ use std::fmt::{self, Write};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::str::FromStr;
 
-/// The first port that is tried where none is asked for, and how many after it.
+/// The first port that is tried where none is given, and how many after it.
 const FIRST_PORT: u16 = 8017;
 const PORTS_TRIED: u16 = 20;
 
@@ -61,7 +61,7 @@ impl fmt::Display for Listen {
 }
 
 impl Listen {
-    /// The name that was asked for.
+    /// The requested name.
     pub(crate) fn host(&self) -> &str {
         &self.host
     }

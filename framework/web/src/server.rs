@@ -19,12 +19,12 @@ const LONGEST_END: Duration = Duration::from_secs(2);
 /// Serves the pages of a run. It listens from the first page on; a run without pages opens no port.
 pub struct Server {
     listen: Listen,
-    told: Box<Told>,
+    on_page: Box<OnPage>,
     running: Mutex<Option<Running>>,
 }
 
-/// Who is told of each page that is put up: whose it is, and the address for people, with the token where one is needed.
-type Told = dyn Fn(&str, &str) + Send + Sync;
+/// Callback for each page that is served: its node, and the address for people, with the token where one is needed.
+type OnPage = dyn Fn(&str, &str) + Send + Sync;
 
 struct Running {
     board: Arc<Board>,
@@ -35,9 +35,9 @@ struct Running {
 }
 
 impl Server {
-    /// A server that will listen at `listen`; `told` hears of each page that is put up: the node whose it is, and where people open it.
-    pub fn new(listen: Listen, told: impl Fn(&str, &str) + Send + Sync + 'static) -> Server {
-        Server { listen, told: Box::new(told), running: Mutex::new(None) }
+    /// A server that will listen at `listen`; `on_page` is called for each page that is served, with its node and its address.
+    pub fn new(listen: Listen, on_page: impl Fn(&str, &str) + Send + Sync + 'static) -> Server {
+        Server { listen, on_page: Box::new(on_page), running: Mutex::new(None) }
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Running>> {
@@ -102,7 +102,7 @@ impl PageServer for Server {
         let number = board.open(&name, instance, page)?;
         let address = format!("{base}/{name}/");
         let secret = token.as_ref().map_or(String::new(), |it| format!("?token={it}"));
-        (self.told)(instance, &format!("{address}{secret}"));
+        (self.on_page)(instance, &format!("{address}{secret}"));
         Ok(Box::new(Link { board: Arc::clone(board), name, number, address }))
     }
 }
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_means_all_is_told_as_one_that_can_be_opened() {
+    fn an_address_that_means_all_is_reported_as_one_that_can_be_opened() {
         assert_eq!(reachable("127.0.0.1:5".parse().unwrap()).to_string(), "127.0.0.1:5");
         let found = reachable("0.0.0.0:5".parse().unwrap());
         assert!(!found.ip().is_unspecified() && found.port() == 5);

@@ -19,17 +19,17 @@ ports! {
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
 figures! {
-    "detector.features.*": count, neither, "Blobs found, over all pictures of the camera";
-    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
-    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
-    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+        "detector.features.*": count, neither, "Blobs found in all pictures of the camera";
+        "detector.pictures_searched.*": count, neither, "Pictures searched; the pictures of the three figures below are not among them";
+        "detector.pictures_learning.*": count, neither, "Pictures used only to learn the background";
+        "detector.pictures_flooded.*": count, low, "Pictures not searched because too much of them differed from the background";
     "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
 }
 
-/// Pictures in, blobs out, each with a point and its covariance; the camera's, in scan order.
+/// Pictures in, blobs out in scan order, each with a point and its covariance.
 ///
-/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one of which
-/// so much is foreground that the background cannot be right, is a gap on the output; the detector goes on with the next.
+/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size, a broken picture, and a picture with more
+/// foreground than `flood_share` are gaps on the output; the detector continues with the next picture.
 pub struct Detector {
     blob_detector: BlobDetector,
     shell: DetectorShell,
@@ -72,7 +72,7 @@ impl Node for Detector {
     }
 }
 
-/// Which way the world's +Z runs in the picture at `pixel`, as seen of a point 3 m away; the picture's own up without a model,
+/// Direction of the world's +Z in the picture at `pixel`, for a point 3 m away; the picture's own up without a camera model,
 /// or where Z runs along the line of sight.
 fn up_at(model: Option<&Camera>, pixel: &Point2<f64>) -> Vector2<f64> {
     let seen = |camera: &Camera| {
@@ -83,7 +83,7 @@ fn up_at(model: Option<&Camera>, pixel: &Point2<f64>) -> Vector2<f64> {
     model.and_then(seen).unwrap_or(Vector2::new(0.0, -1.0))
 }
 
-/// Reads a picture as brightness. Where it is larger than the camera's pictures, their part of it, from the top left.
+/// Reads a picture as brightness. From a picture larger than the camera's, the part at the top left with the camera's size.
 fn read_background(path: &Path, size: Option<[u32; 2]>) -> Result<GrayPicture, ConfigError> {
     let refuse = |text: String| ConfigError::at("background", text);
     let picture = image::open(path).map_err(|error| refuse(format!("`{}` cannot be read: {error}", path.display())))?;
@@ -91,7 +91,10 @@ fn read_background(path: &Path, size: Option<[u32; 2]>) -> Result<GrayPicture, C
     let size = size.unwrap_or([gray.width(), gray.height()]);
     if gray.width() < size[0] || gray.height() < size[1] {
         let ([w, h], a, b) = (size, gray.width(), gray.height());
-        return Err(refuse(format!("`{}` is {a} x {b} px, expected at least {w} x {h} px", path.display())));
+        return Err(refuse(format!(
+            "`{}` is {a} x {b} px, expected at least the camera's {w} x {h} px",
+            path.display()
+        )));
     }
     let pixels = image::imageops::crop_imm(&gray, 0, 0, size[0], size[1]).to_image().into_raw();
     Ok(GrayPicture { size, pixels })
@@ -143,7 +146,7 @@ mod tests {
             Detector::new(settings, &setup).map(|_| ()).map_err(|it| it.message)
         };
         assert_eq!(new([648, 480]), Ok(()));
-        assert!(new([640, 479]).unwrap_err().contains("is 640 x 479 px, expected at least 640 x 480 px"));
+        assert!(new([640, 479]).unwrap_err().contains("640 x 479 px"));
     }
 
     #[test]

@@ -15,7 +15,7 @@ pub use settings::{BlobSettings, ReportedPoint};
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<detector::Detector>();
 }

@@ -8,32 +8,32 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BlobSettings {
-    /// A picture of the scene without anybody, to begin with instead of learning, its top-left pixel that of the camera's
+    /// A picture of the empty scene, used instead of learning; its top-left pixel is that of the camera's
     /// pictures; `{camera}` is the camera's name, `${NAME}` an environment variable; empty: none [–].
     pub background: String,
-    /// Pictures that the background is learnt from. Who moves on within half of them leaves no trace [frames].
+    /// Pictures that the background is learnt from. A person who leaves within half of them leaves no trace [frames].
     #[schemars(range(min = 1, max = 10000))]
     pub learn_frames: u32,
     /// A pixel is foreground when further from the mean of its background than this many of its standard deviations [–].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub threshold_sigma: f32,
-    /// A blob has a pixel that is this far away, unless a target is expected there; at least `threshold_sigma` [–].
+    /// A blob needs a pixel this far from its background, unless a target is expected there; at least `threshold_sigma` [–].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub sure_sigma: f32,
-    /// No pixel's standard deviation is taken to be lower than this: covers compression and flicker [gray level].
+    /// Lower bound of a pixel's standard deviation: covers compression and flicker [gray level].
     #[schemars(range(min = 0.1, max = 255.0))]
     pub noise_floor: f32,
-    /// Pictures in which the background follows a slow change of the light by 63 % [frames].
+    /// Pictures in which the background adapts to 63 % of a slow change of the light [frames].
     #[schemars(range(min = 1.0, max = 1000000.0))]
     pub adapt_frames: f32,
-    /// Pictures after which something that came, and does not move at all, is background; 0: never [frames].
+    /// Pictures after which an object that does not move becomes background; 0: never [frames].
     #[schemars(range(min = 0, max = 1000000))]
     pub absorb_frames: u32,
-    /// A shadow leaves at least this part of the light; 1: shadows are foreground. Things that are evenly darker than what is
+    /// A shadow leaves at least this part of the light; 1: shadows are foreground. Objects that are evenly darker than what is
     /// behind them, by no more than this, are lost [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub shadow_ratio: f32,
-    /// A picture with a larger part in the foreground is a gap; `learn_frames` of them, and the background is learnt again [–].
+    /// A picture with a larger part in the foreground is a gap; after `learn_frames` of them the background is learnt again [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relearn_fraction: f64,
     /// Smallest blob kept [px²].
@@ -42,39 +42,39 @@ pub struct BlobSettings {
     /// Largest blob kept [px²].
     #[schemars(range(min = 1, max = 1000000000))]
     pub max_area_px: u32,
-    /// Pieces of foreground no further apart than this, in rows and in columns, are one blob [px].
+    /// Pieces of foreground at most this far apart, in rows and in columns, are one blob [px].
     #[schemars(range(min = 0, max = 10000))]
     pub merge_px: u32,
-    /// Blobs of one picture, at most: the largest [–].
+    /// Blobs of one picture, at most; the largest are kept [–].
     #[schemars(range(min = 1, max = 10000))]
     pub max_features: u32,
-    /// Which point of a blob is given out. Heads and feet are the same points from all sides, the middle is not quite [–].
+    /// Which point of a blob is reported. Heads and feet are the same points from all sides, the middle is only nearly so [–].
     pub point: ReportedPoint,
-    /// How far that point may be from the one that other cameras see of the same body, one standard deviation, in standard
+    /// Standard deviation of the distance between that point and the one that other cameras see of the same body, in standard
     /// deviations of the blob's own pixels along each axis. Added to the covariance [–].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub shape_error: f64,
-    /// The picture is made smaller by this factor before anything else: faster by its square, coarser by itself [–].
+    /// The picture is reduced by this factor first: faster by its square, coarser by the factor itself [–].
     #[schemars(range(min = 1, max = 16))]
     pub shrink: u32,
-    /// Regions in which nothing is looked for, such as windows: a list of polygons, each a list of corners (x, y) [px].
+    /// Regions in which nothing is detected, such as windows: a list of polygons, each a list of corners (x, y) [px].
     pub masks: Vec<Vec<[f64; 2]>>,
 }
 
-/// Which point of a blob is given out.
+/// Which point of a blob is reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ReportedPoint {
-    /// The mean of its pixels.
+    /// The mean of the blob's pixels.
     Centroid,
-    /// The end that is up in the world, or in the picture where no calibration says what is up.
+    /// The upper end: up in the world, or in the picture without a calibration.
     Top,
-    /// The end that is down.
+    /// The lower end.
     Bottom,
 }
 
 impl Default for BlobSettings {
-    /// For people 2 m to 6 m from a camera of 640 × 480 px and 30 Hz; absorbed after half a minute.
+    /// For people 2 m to 6 m from a camera of 640 × 480 px and 30 Hz; a still object becomes background after half a minute.
     fn default() -> Self {
         Self {
             background: String::new(),
@@ -99,10 +99,10 @@ impl Default for BlobSettings {
 }
 
 impl BlobSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("learn_frames", self.learn_frames, 1..=10_000)?;
         ConfigError::unless_in("threshold_sigma", self.threshold_sigma, 0.1..=1000.0)?;

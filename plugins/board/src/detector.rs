@@ -16,10 +16,10 @@ ports! {
 figures! {
     "detector.boards.*": count, high, "Pictures of the camera in which the board was found";
     "detector.pictures_searched.*": count, neither, "Pictures of the camera that were searched for the board";
-    "detector.pictures_refused.*": count, low, "Pictures of the camera that could not be read: wrong size or pixels";
+    "detector.pictures_refused.*": count, low, "Pictures of the camera that could not be used: wrong size or pixels";
 }
 
-/// Pictures without the board in which another one is looked for: that takes as long again.
+/// Pictures without the board that are searched for a board of another size, which takes as long again.
 const MAX_PROBED: u64 = 5;
 
 /// Settings of [`Detector`]. Colour pictures are reduced to their brightness.
@@ -37,11 +37,11 @@ pub struct BoardSettings {
     pub square_mm: f64,
 }
 
-/// Pictures in, corners out: corner `row · columns + column` has that label; its peak is the brightest pixel of the squares around it. All of them, or none where the board is not seen whole.
+/// Pictures in, corners out: corner `row · columns + column` has that label; its peak is the brightest pixel of the squares around it. All corners, or none unless the whole board is seen.
 ///
 /// Corner 0 is next to a dark square at the board's end, and the printed face is towards the camera. Where both ends are dark (`columns +
-/// rows` even), which of the two it is cannot be seen: it is the one nearer to the upper left of the picture, and `foveate calibrate` tells
-/// by other cameras.
+/// rows` even), the two ends look alike: corner 0 is the one nearer to the upper left of the picture, and `foveate calibrate` resolves
+/// the order from other cameras.
 pub struct Detector {
     settings: BoardSettings,
     camera: Option<CameraId>,
@@ -58,7 +58,7 @@ pub struct Detector {
 impl Node for Detector {
     const TYPE: &'static str = "board.detector";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds the corners of a chessboard in the pictures of one camera";
+    const SUMMARY: &'static str = "Finds chessboard corners in the pictures of one camera";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BoardSettings;
 

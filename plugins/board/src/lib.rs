@@ -11,7 +11,7 @@ pub mod detector;
 pub use detector::BoardSettings;
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<detector::Detector>();
 }

@@ -1,13 +1,13 @@
-//! Which clock a source's times are of: the session's, or the camera's own, taken from the calibration or a file.
+//! The clock of a source's times: the session's, or the camera's own from the calibration or a file.
 
 use foveate::prelude::*;
 use foveate::scene::clocks::{CameraClock, Clocks};
 
-/// Finds the clock that `setting` means for the instance's camera: `none`, `calibration`, or `file:PATH`. Its frame rate is that of
-/// the calibration where the clock itself states none; with `none` it is all that is used.
+/// Finds the clock that `setting` names for the instance's camera: `none`, `calibration`, or `file:PATH`. Its frame rate is that of
+/// the calibration where the clock itself states none; with `none`, only the frame rate is used.
 ///
 /// # Errors
-/// Points at the setting `clock`: a word that is none of these, a file that cannot be read, a camera that it lacks.
+/// Points at the setting `clock`: another word, a file that cannot be read, a camera that the file lacks.
 pub(crate) fn camera_clock(setup: &Setup, setting: &str) -> Result<CameraClock, ConfigError> {
     let name = setup.camera_name().unwrap_or_default();
     let of_calibration = setup.calibration.clocks.0.get(name).copied();
@@ -17,7 +17,7 @@ pub(crate) fn camera_clock(setup: &Setup, setting: &str) -> Result<CameraClock, 
         // Where no camera of the calibration has a clock, the session's is meant.
         None if setting == "calibration" && setup.calibration.clocks.0.is_empty() => CameraClock::default(),
         None if setting == "calibration" => of_calibration.ok_or_else(|| {
-            ConfigError::at("clock", format_args!("the calibration states clocks, and none for camera `{name}`"))
+            ConfigError::at("clock", format_args!("found clocks in the calibration, but none of camera `{name}`"))
         })?,
         Some(("file", path)) => {
             let path = setup.path("clock", path)?;
@@ -57,7 +57,7 @@ mod tests {
         let bare = CameraClock { frame_rate_hz: Some(25.0), ..CameraClock::default() };
         assert_eq!(camera_clock(&with("ring-1"), "none"), Ok(bare));
         let refused = |setup: &Setup, setting: &str| camera_clock(setup, setting).unwrap_err().message;
-        assert!(refused(&with("ring-2"), "calibration").contains("none for camera `ring-1`"));
+        assert!(refused(&with("ring-2"), "calibration").contains("`ring-1`"));
         assert!(refused(&plain, "table").contains("found `table`"));
         assert!(refused(&plain, "file:/no/such.toml").contains("/no/such.toml"));
         let folder = tempfile::tempdir().unwrap();

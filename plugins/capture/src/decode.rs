@@ -1,6 +1,6 @@
 //! One picture file into an [`Image`], or a sentence about what is wrong with it.
 //!
-//! Decoders forgive much: a JPEG that was cut off comes out gray from there on, with no complaint. So a JPEG's own
+//! Decoders accept truncated files: a JPEG that was cut off is gray from there on, without an error. So a JPEG's own
 //! structure is walked first ([`foveate::imaging::jpeg`]), and one without its end marker is refused.
 
 use std::fs::File;
@@ -14,7 +14,7 @@ use crate::settings::Format;
 
 /// Largest file that is read [bytes].
 const FILE_LIMIT: u64 = 256 << 20;
-/// Largest picture, each way [px]: a small file may claim any size.
+/// Largest picture, per side [px]: a small file may claim any size.
 pub(crate) const SIDE_LIMIT: u32 = 16_384;
 /// Most memory that a decoder may take [bytes].
 const MEMORY_LIMIT: u64 = 1 << 30;
@@ -54,7 +54,7 @@ impl Decoder {
         result
     }
 
-    /// The same for a picture that is in memory already.
+    /// As [`Self::read`], for a picture that is in memory already.
     ///
     /// # Errors
     /// [`Self::read`]'s.
@@ -89,7 +89,7 @@ impl Decoder {
             return Err(format!("is {width} x {height} px, expected {columns} x {rows} px"));
         }
         if width > SIDE_LIMIT || height > SIDE_LIMIT || width == 0 || height == 0 {
-            return Err(format!("claims to be {width} x {height} px, expected 1 to {SIDE_LIMIT} px each way"));
+            return Err(format!("claims to be {width} x {height} px, expected 1 to {SIDE_LIMIT} px per side"));
         }
         let stored = decoder.color_type();
         let size = usize::try_from(decoder.total_bytes()).ok().filter(|it| *it as u64 <= MEMORY_LIMIT);
@@ -264,7 +264,7 @@ pub(crate) mod tests {
             decode(&bomb, Format::Gray, None).unwrap_err()
         };
         let refused = claims(65_535);
-        assert!(refused.contains("65535 x 65535 px, expected 1 to 16384 px each way"), "{refused}");
+        assert!(refused.contains("65535 x 65535 px, expected 1 to 16384 px per side"), "{refused}");
         assert!(!claims(3).contains("16384"), "a header in order, and too little after it");
     }
 

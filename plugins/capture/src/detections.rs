@@ -19,7 +19,7 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
-/// A file that begins later than this counts from another start than the session, such as 1970 [s].
+/// A file whose first time is later than this has another origin of time than the session, such as 1970 [s].
 const LATEST_START_S: f64 = 1e6;
 
 /// Settings of [`Detections`].
@@ -31,8 +31,8 @@ pub struct DetectionsSettings {
     /// comment; a row with empty `x_px` and `y_px` is a picture in which nothing was found. Each instance takes the
     /// rows of its own camera [–]
     pub path: String,
-    /// What the centre of the top-left pixel is called in the file: 0, or 1 as MATLAB does; left out, it is 1 in `points.dat`, whose own
-    /// calibrations count so, and 0 in all else [px]
+    /// Coordinate of the centre of the top-left pixel in the file: 0, or 1 as in MATLAB; left out, it is 1 in `points.dat`, whose own
+    /// calibrations count so, and 0 otherwise [px]
     #[serde(default)]
     #[schemars(range(min = 0, max = 1))]
     pub pixel_origin: Option<u8>,
@@ -46,22 +46,22 @@ pub struct DetectionsSettings {
     /// order of the calibration. Empty: the file has a header [–]
     #[serde(default)]
     pub columns: String,
-    /// Points that DeepLabCut or SLEAP take for less likely than this are left out; points marked by hand are not [–]
+    /// Points of DeepLabCut or SLEAP with a lower likelihood are left out; points marked by hand are kept [–]
     #[serde(default = "default_likelihood")]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub least_likelihood: f64,
-    /// Whether a point at (0, 0), as the file counts, means that nothing was found [–]
+    /// Whether a point at (0, 0), in the file's coordinates, means that nothing was found [–]
     #[serde(default)]
     pub nothing_at_zero: bool,
-    /// Whose times these are: `calibration`, the camera's own clock if the calibration states one, else the session's; `none`, the
+    /// Clock of the times: `calibration`, the camera's own clock if the calibration states one, else the session's; `none`, the
     /// session's; `file:PATH`, the camera's own clock as that file of `[clock.NAME]` sections states it [–]
     #[serde(default = "default_clock")]
     pub clock: String,
-    /// Added to every time of the session; rows that come to lie before the start of the session are left out [s]
+    /// Added to every time of the file; rows before the start of the session are left out [s]
     #[serde(default)]
     #[schemars(range(min = -9000000000.0, max = 9000000000.0))]
     pub start_s: f64,
-    /// How long after they were seen the points are delivered [ms]
+    /// Delay between capture and delivery of the points [ms]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
@@ -79,8 +79,8 @@ fn default_sigma_px() -> f64 {
     0.5
 }
 
-/// Names of the points in the files of `path`, the setting of that name, over all `cameras`, in the order of their numbers; none where points
-/// have no names. Files that are not there are passed over.
+/// Names of the points in the files of `path` (the setting), over all `cameras`, in the order of their numbers; empty where points
+/// have no names. Missing files are skipped.
 ///
 /// # Errors
 /// A sentence: a file that is no table of points.
@@ -100,7 +100,7 @@ pub fn label_names<'a>(
     Ok(names.into_iter().collect())
 }
 
-/// Points out, one message for each time of the camera.
+/// Points out, one message per capture time of the camera.
 pub struct Detections {
     table: Table,
     next: usize,
@@ -110,7 +110,7 @@ pub struct Detections {
     path: PathBuf,
     instance: String,
     camera: String,
-    /// Cameras with rows that the calibration does not know.
+    /// Cameras with rows that are missing in the calibration.
     unknown_cameras: Vec<String>,
     /// Names of points, in the order of their numbers.
     names: Vec<String>,
@@ -233,24 +233,24 @@ impl Node for Detections {
             table.faults.sentence(&format!("{instance} could not read {} of `{path}`", rows(table.faults.count())));
         report.remarks.extend(faults);
         if table.frames.is_empty() {
-            report.remark(format!("{instance} gave nothing: `{path}` holds no row of camera `{}`", self.camera));
+            report.remark(format!("{instance} delivered nothing: `{path}` holds no row of camera `{}`", self.camera));
         }
         if table.out_of_order > 0 {
             let late = rows(table.out_of_order);
-            report.remark(format!("{instance} sorted `{path}` by time: {late} stood behind a later one"));
+            report.remark(format!("{instance} sorted `{path}` by time: {late} came after a later one"));
         }
         if !table.unknown_columns.is_empty() {
-            report.remark(format!("{instance} passed over columns of `{path}`: {}", table.unknown_columns.join(", ")));
+            report.remark(format!("{instance} ignored columns of `{path}`: {}", table.unknown_columns.join(", ")));
         }
         if !self.names.is_empty() {
             // The same words from every camera: said once.
             let numbered: Vec<String> = self.names.iter().enumerate().map(|it| format!("{} {}", it.0, it.1)).collect();
-            report.remark(format!("points go by these numbers: {}", numbered.join(", ")));
+            report.remark(format!("numbers of the points: {}", numbered.join(", ")));
         }
         if !self.unknown_cameras.is_empty() {
             // The same words from every camera that reads this file: said once.
             let names = self.unknown_cameras.join(", ");
-            report.remark(format!("`{path}` holds rows of cameras that the calibration does not know: {names}"));
+            report.remark(format!("`{path}` holds rows of cameras that are missing in the calibration: {names}"));
         }
         if self.before_start > 0 {
             report.remark(format!(
@@ -404,11 +404,7 @@ mod tests {
         assert_eq!(node.table.frames[1].time, Time::from_s(0.3));
         let mut report = Report::default();
         node.finish(&mut report).unwrap();
-        assert!(
-            report.remarks.iter().any(|it| it == "points go by these numbers: 0 ear, 1 tail"),
-            "{:?}",
-            report.remarks
-        );
+        assert!(report.remarks.iter().any(|it| it.contains("0 ear, 1 tail")), "{:?}", report.remarks);
     }
 
     #[test]

@@ -11,10 +11,10 @@
 //! | `peak` | its brightest pixel, 0 to 255; may be left out | gray level |
 //! | `label` | which mark it is, a whole number or a name; empty or left out: not known | – |
 //!
-//! Columns in any order, others are passed over; lines that begin with `#` are comments; a field that holds commas stands in quotes.
+//! Columns in any order, others are ignored; lines that begin with `#` are comments; a field that holds commas stands in quotes.
 //!
 //! A file without such a header can be read where the rig names its columns: then blanks or commas separate the fields, lines
-//! before the first that begins with a number are passed over, `frame` (the number of the picture) may stand for `time_s`, and
+//! before the first that begins with a number are skipped, `frame` (the number of the picture) may replace `time_s`, and
 //! without a column `camera` all rows are of the instance's camera.
 
 use std::collections::BTreeSet;
@@ -29,43 +29,43 @@ use nalgebra::{Matrix2, Point2};
 use crate::settings::Reasons;
 use crate::{labels, points_dat};
 
-/// Lines longer than this are no lines of a table [bytes].
+/// Longer lines are no lines of a table [bytes].
 const LINE_LIMIT: u64 = 4096;
-/// In place of columns: the file is one of MultiCamSelfCal's.
+/// Value of `columns` for a file of MultiCamSelfCal.
 pub(crate) const POINTS_DAT: &str = "points.dat";
-/// Times beyond this are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
+/// Later times are mistakes, such as milliseconds since 1970; seconds since 1970 lie below it [s].
 const TIME_LIMIT_S: f64 = 9e9;
 
-/// A point known no better than this is no point [px²].
+/// A point with a larger variance is refused [px²].
 const VARIANCE_LIMIT: f64 = 1e8;
 const COVARIANCE: [&str; 3] = ["cxx_px2", "cxy_px2", "cyy_px2"];
 
-/// Whose rows to keep, and how to read them.
+/// Which rows to keep, and how to read them.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted<'a> {
     pub(crate) camera: CameraId,
     pub(crate) name: &'a str,
     /// Columns, rows of its pictures [px]; points more than a pixel outside are refused.
     pub(crate) size: Option<[u32; 2]>,
-    /// What the centre of the top-left pixel is called in the file [px].
+    /// Coordinate of the centre of the top-left pixel in the file [px].
     pub(crate) origin: f64,
-    /// Where the file gives none [px].
+    /// Standard deviation where the file gives none [px].
     pub(crate) sigma: f64,
     /// Names of the columns, where the file has no header.
     pub(crate) columns: Option<&'a str>,
-    /// Pictures a second, for a column `frame` [Hz].
+    /// Frame rate, for a column `frame` [Hz].
     pub(crate) frame_rate: Option<f64>,
     /// Whether a point at (0, 0) means that nothing was found.
     pub(crate) nothing_at_zero: bool,
-    /// What a row is called in messages.
+    /// What messages call a row.
     pub(crate) row: &'static str,
-    /// Names of points, in order; the number of one is its place.
+    /// Names of points; a point's number is the index of its name.
     pub(crate) names: &'a [String],
-    /// Points that an estimator takes for less likely are left out [–].
+    /// Points with a lower likelihood are left out [–].
     pub(crate) least_likelihood: f64,
 }
 
-/// One picture's worth of rows.
+/// The rows of one picture.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Frame {
     pub(crate) time: Time,
@@ -74,28 +74,28 @@ pub(crate) struct Frame {
     pub(crate) faults: Vec<String>,
 }
 
-/// All that a file says about one camera.
+/// What a file holds of one camera.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
-    /// Ascending by time, one for each time.
+    /// Ascending by time, one per time.
     pub(crate) frames: Vec<Frame>,
     /// Unreadable rows, those of [`Frame::faults`] included.
     pub(crate) faults: Reasons,
-    /// Rows of this camera that lay behind a later one.
+    /// Rows of this camera that came after a later one.
     pub(crate) out_of_order: u64,
-    /// Columns that were passed over.
+    /// Columns that were ignored.
     pub(crate) unknown_columns: Vec<String>,
     /// Some of the other cameras that have rows, at most 64.
     pub(crate) other_cameras: BTreeSet<String>,
 }
 
-/// Places of the columns.
+/// Indices of the columns.
 #[derive(Debug, Clone, Copy)]
 struct Columns {
     time: usize,
-    /// What a second is in `time`: 1, or the frame rate.
+    /// Units of `time` per second: 1, or the frame rate.
     per_second: f64,
-    /// `None`: all rows are of the wanted camera.
+    /// `None`: all rows are of the camera.
     camera: Option<usize>,
     x: usize,
     y: usize,
@@ -108,19 +108,19 @@ struct Columns {
 }
 
 impl Columns {
-    /// Those of a file with a header.
+    /// Columns of a file with a header.
     fn of(header: &str) -> Result<(Self, Vec<String>), String> {
         let mut splitter = Splitter::new(',');
         let names: Vec<&str> = splitter.split(header).iter().collect();
         Self::named(&names, header, None)
     }
 
-    /// Those that the rig names.
+    /// Columns that the rig names.
     fn stated(columns: &str, frame_rate: Option<f64>) -> Result<(Self, Vec<String>), String> {
         let names: Vec<&str> = fields_of(columns).collect();
         if names.contains(&"frame") {
             let Some(rate) = frame_rate else {
-                return Err("`frame` stands for the time, and the calibration states no frame_rate_hz in the `clock` of this camera".to_owned());
+                return Err("found `frame` instead of a time, expected frame_rate_hz in the `clock` of this camera in the calibration".to_owned());
             };
             let names: Vec<&str> = names.iter().map(|&it| if it == "frame" { "time_s" } else { it }).collect();
             return Self::named(&names, columns, Some(rate));
@@ -173,8 +173,8 @@ impl Table {
     /// Reads `path`, keeping the rows of one camera.
     ///
     /// # Errors
-    /// A sentence when nothing can be made of the file: no such file, no header, no readable row. Not one row of the camera beside those of
-    /// others is a table without frames.
+    /// A sentence when the file cannot be used: no such file, no header, no readable row. A file that has rows of other
+    /// cameras only is a table without frames.
     pub(crate) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<Self, String> {
         if wanted.columns == Some(POINTS_DAT) {
             let rows = points_dat::rows_of(path, wanted.camera.0.into())?;

@@ -25,7 +25,7 @@ impl Default for Programs {
     }
 }
 
-/// How to say that no frame may be doubled or left out.
+/// Option that keeps ffmpeg from duplicating or dropping frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
     /// Since version 5.1.
@@ -55,13 +55,13 @@ pub(crate) struct Header {
 /// How a child process ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Ending {
-    /// It said that all went well.
+    /// The exit code was 0.
     pub(crate) success: bool,
-    /// What it complained of, where it did.
+    /// Its error messages, if any.
     pub(crate) complaints: Option<String>,
-    /// How often.
+    /// Number of error messages.
     pub(crate) n_complaints: u64,
-    /// It does not know [`Dialect::Current`].
+    /// It does not support [`Dialect::Current`].
     pub(crate) spoke_older: bool,
 }
 
@@ -75,7 +75,7 @@ pub(crate) struct Decoder {
 }
 
 impl Programs {
-    /// Which of the two is nowhere on `path`, and how to get it: for checks, which start nothing.
+    /// Which of the two programs is not on `path`, and how to install it: for checks, which start nothing.
     pub(crate) fn missing(&self, path: Option<&OsStr>) -> Option<String> {
         let folders: Vec<_> = path.map(|it| std::env::split_paths(it).collect()).unwrap_or_default();
         let is_there = |program: &OsString| {
@@ -87,7 +87,7 @@ impl Programs {
         Some(cannot_start(&absent.to_string_lossy(), &ErrorKind::NotFound.into()))
     }
 
-    /// Reads the header of `path`; all unknown where `ffprobe` can make nothing of it.
+    /// Reads the header of `path`; all fields are unknown where `ffprobe` cannot read it.
     ///
     /// # Errors
     /// `ffprobe` cannot be started.
@@ -110,10 +110,10 @@ impl Programs {
     }
 
     /// Starts decoding `path`. `filter`: a chain of `ffmpeg`'s filters for the frames, may be empty. `threads`: how many to decode
-    /// on, 0: as `ffmpeg` thinks best.
+    /// on, 0: chosen by `ffmpeg`.
     ///
     /// # Errors
-    /// `ffmpeg` cannot be started. What is wrong with the file shows at [`Decoder::end`].
+    /// `ffmpeg` cannot be started. Errors of the file are reported by [`Decoder::end`].
     pub(crate) fn decode(
         &self,
         path: &Path,
@@ -146,7 +146,7 @@ impl Programs {
             .spawn()
             .map_err(|error| cannot_start("ffmpeg", &error))?;
         let (Some(pixels), Some(words)) = (child.stdout.take(), child.stderr.take()) else {
-            unreachable!("both pipes were asked for")
+            unreachable!("both pipes were requested")
         };
         let (sender, announced) = channel();
         let listener = std::thread::spawn(move || {
@@ -167,17 +167,17 @@ impl Programs {
 }
 
 impl Decoder {
-    /// The next frame's time and size; `None`: there are no more.
+    /// The next frame's time and size; `None` after the last frame.
     pub(crate) fn next(&mut self) -> Option<Announced> {
         self.announced.recv().ok()
     }
 
-    /// Reads the pixels of the frame that was announced last. `false`: they did not come whole.
+    /// Reads the pixels of the frame that was announced last. `false`: they are incomplete.
     pub(crate) fn read(&mut self, pixels: &mut [u8]) -> bool {
         self.pixels.read_exact(pixels).is_ok()
     }
 
-    /// Waits for the process to end by itself, after the last frame.
+    /// Waits for the process to end, after the last frame.
     pub(crate) fn end(mut self) -> Ending {
         let success = self.child.wait().is_ok_and(|status| status.success());
         let listener = self.listener.take().and_then(|it| it.join().ok()).unwrap_or_default();

@@ -1,12 +1,12 @@
-//! What `ffmpeg` says on its standard error, line by line.
+//! Parses what `ffmpeg` writes on its standard error, line by line.
 //!
 //! The filter `showinfo` announces each frame before its pixels leave, with the exact time stamp as a whole number of time
-//! bases and with the size after rotation. That is a frame's true time, also where a phone varied its rate; one
-//! process tells times and pixels alike, so they cannot come apart.
+//! bases and with the size after rotation. That is a frame's true time, also for phones with a variable rate; one
+//! process delivers times and pixels, so they stay matched.
 
 use foveate::prelude::Interval;
 
-/// A frame that is about to come.
+/// A frame whose pixels follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Announced {
     /// Its time on the file's own clock, where the file knows it.
@@ -15,7 +15,7 @@ pub(crate) struct Announced {
     pub(crate) size: [u32; 2],
 }
 
-/// Understands the lines.
+/// Parser of the lines.
 #[derive(Debug)]
 pub(crate) struct Listener {
     /// Length of one unit of the time stamps [s], as a fraction.
@@ -34,7 +34,7 @@ impl Default for Listener {
 impl Listener {
     const KEPT: usize = 3;
 
-    /// Takes in one line; the frame that it announces, if it does.
+    /// Parses one line; returns the frame that it announces, if any.
     pub(crate) fn hear(&mut self, line: &str) -> Option<Announced> {
         let line = line.trim_end();
         if line.contains("[Parsed_showinfo_") && line.contains("[info]") {
@@ -74,12 +74,12 @@ impl Listener {
         (numerator > 0 && denominator > 0).then(|| Interval((nanoseconds / i128::from(denominator)) as i64))
     }
 
-    /// The complaints that were kept, in one line; `None` if there was none.
+    /// The stored error messages in one line; `None` without any.
     pub(crate) fn complaints(&self) -> Option<String> {
         (!self.complaints.is_empty()).then(|| self.complaints.join("; "))
     }
 
-    /// How often it complained.
+    /// Number of error messages.
     pub(crate) fn n_complaints(&self) -> u64 {
         self.n_complaints
     }

@@ -1,9 +1,9 @@
 //! `capture.images`: a folder of numbered pictures, one camera.
 //!
-//! Frame k is seen at `start_s` + k / `rate_hz`, where k is the number in the file's name less the smallest number in the
-//! folder (or less `first_number`). Cameras whose folders begin with the same number so share their times, and a number
+//! Frame k has the capture time `start_s` + k / `rate_hz`, where k is the number in the file's name less the smallest number in the
+//! folder (or less `first_number`). So cameras whose folders begin with the same number share their times, and a number
 //! that is missing is a gap at its own time. A picture that cannot be used (truncated, corrupt, empty, of another size
-//! than the calibration or the first good picture says) is a gap too, and the run goes on.
+//! than the calibration or the first good picture says) is a gap too, and the run continues.
 
 use std::path::Path;
 
@@ -27,28 +27,28 @@ pub struct ImagesSettings {
     /// Folder of the pictures (`*.jpg`, `*.jpeg`, `*.png`), or a folder and a pattern with `*` and `?` as in
     /// `shots/{camera}/*.png`; `{camera}` is the camera's name, `${NAME}` an environment variable [–]
     pub path: String,
-    /// Pictures a second, by which the numbers become times [Hz]
+    /// Frame rate, which turns numbers into times [Hz]
     #[schemars(range(min = 0.001, max = 100000.0))]
     pub rate_hz: f64,
-    /// Session time of the first frame, for cameras that began later than others [s]
+    /// Session time of the first frame, for cameras that started later than others [s]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub start_s: f64,
     /// What the pictures are decoded to [–]
     #[serde(default)]
     pub format: Format,
-    /// How long after it was seen a picture is delivered, as a real camera would take [ms]
+    /// Delay between capture and delivery of a picture, as of a real camera [ms]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
-    /// What says which frame a file is: the number in its `name`, or its place in the `order` of names [–]
+    /// How the frame of a file is found: by the number in its `name`, or by its place in the `order` of names [–]
     #[serde(default)]
     pub numbering: Numbering,
-    /// Number of the frame that is seen at `start_s`; left out: the smallest number in the folders of all cameras, so that a
+    /// Number of the frame at `start_s`; left out: the smallest number in the folders of all cameras, so that a
     /// camera whose first picture is missing stays in step. Files below it are left out [–]
     #[serde(default)]
     pub first_number: Option<u64>,
-    /// Lines of interlaced frames that are kept, `odd` or `even`: pictures, and what the calibration says of the camera, then have half the height [–]
+    /// Lines of interlaced frames that are kept, `odd` or `even`: the pictures then have half the height, and the calibration must be of such pictures [–]
     #[serde(default)]
     pub field: Field,
 }
@@ -79,24 +79,24 @@ pub struct Images {
     instance: String,
 }
 
-/// What the next frame of a sequence turned out to be.
+/// Result of reading the next frame of a sequence.
 #[derive(Debug)]
 enum Next {
     Picture,
     Gap(String),
 }
 
-/// The frames of a folder, one after the other.
+/// The frames of a folder in order.
 struct Sequence {
     camera: CameraId,
     format: Format,
     field: Field,
     listing: Listing,
-    /// Place in the listing of the next file.
+    /// Index of the next file in the listing.
     next_file: usize,
     /// Index of the next frame, present or not.
     next_index: u64,
-    /// Columns, rows that every picture must have [px]; unknown until the first good picture where there is no calibration.
+    /// Columns, rows that every picture must have [px]; without a calibration unknown until the first good picture.
     size: Option<[u32; 2]>,
     decoder: Decoder,
     missing: Reasons,
@@ -108,7 +108,7 @@ impl Sequence {
         self.next_index >= self.listing.length()
     }
 
-    /// Decodes the next frame into `image`, or says why there is none; steps on either way.
+    /// Decodes the next frame into `image`, or says why there is none; advances in both cases.
     fn read_next(&mut self, image: &mut Image) -> Next {
         let index = self.next_index;
         self.next_index += 1;
@@ -126,7 +126,7 @@ impl Sequence {
             match self.size.filter(|it| *it != found) {
                 Some([columns, rows]) => {
                     let hint = if found == [columns, rows.div_ceil(2)] {
-                        ": a calibration of whole frames? One of fields has half the height, half of the focal length and principal point downwards"
+                        ": is this a calibration of whole frames? For fields, height, vertical focal length and vertical principal point are half as large"
                     } else {
                         ""
                     };

@@ -1,6 +1,6 @@
 //! Points with names, as pose estimators export them: DeepLabCut's and SLEAP's tables, and text in our own column `label`.
 //!
-//! | file | told by | a point is |
+//! | file | recognised by | a point is |
 //! |---|---|---|
 //! | DeepLabCut CSV | a first line that begins with `scorer` | x, y, likelihood of a body part; with individuals, `INDIVIDUAL/PART` |
 //! | SLEAP analysis CSV | a header with `frame_idx` | `NODE.x`, `NODE.y`, `NODE.score`; with several tracks, `TRACK/NODE` |
@@ -13,11 +13,11 @@ use std::path::Path;
 
 use foveate::diagnostics::fields::{Fields, Splitter};
 
-/// Larger files are no tables of points [bytes].
+/// Larger files are refused [bytes].
 const LARGEST: u64 = 2 << 30;
 const HDF5: &[u8] = b"\x89HDF";
 
-/// What stands in the first lines of a file.
+/// Kind of a file, by its first lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     DeepLabCut,
@@ -80,7 +80,7 @@ pub(crate) fn names_in(path: &Path) -> Result<BTreeSet<String>, String> {
     }
 }
 
-/// Text in the column `label`.
+/// Names in the column `label`.
 fn plain_names(text: &str) -> BTreeSet<String> {
     let mut lines =
         text.trim_start_matches('\u{feff}').lines().filter(|it| !it.trim().is_empty() && !it.starts_with('#'));
@@ -209,7 +209,7 @@ fn deeplabcut(text: &str) -> Result<Wide, String> {
     let header = |name: &str| lines.iter().take(4).map(|it| &it.1).find(|it| it.text(0) == name);
     let lacks = |name: &str| {
         format!(
-            "this is DeepLabCut's by its first line, `scorer`, and lacks the line `{name}`, expected it among the first four"
+            "this is a DeepLabCut table (first line `scorer`) without the line `{name}`, expected it among the first four"
         )
     };
     let parts = header("bodyparts").ok_or_else(|| lacks("bodyparts"))?;
@@ -267,7 +267,7 @@ fn sleap(text: &str) -> Result<Wide, String> {
         })
         .collect();
     if points.is_empty() {
-        return Err("this is SLEAP's by its column `frame_idx`, and has no columns NODE.x and NODE.y".to_owned());
+        return Err("this is a SLEAP table (column `frame_idx`) without columns NODE.x and NODE.y".to_owned());
     }
     let frame = place("frame_idx").unwrap_or_default();
     let frame_of = |fields: &Fields| fields.text(frame).parse::<f64>().ok().filter(|it| *it >= 0.0).map(|it| it as u64);
@@ -287,7 +287,7 @@ fn number_in(name: &str) -> Option<u64> {
     stem[start..end].parse().ok()
 }
 
-/// Pairs of names that differ in their side only: `left_knee` and `right_knee`, `LKnee` and `RKnee`, `knee_l` and `knee_r`, by number.
+/// Pairs of names that differ in their side alone: `left_knee` and `right_knee`, `LKnee` and `RKnee`, `knee_l` and `knee_r`, by number.
 pub fn mirrored_pairs(names: &[String]) -> Vec<[u32; 2]> {
     let mut pairs = Vec::new();
     for (index, name) in names.iter().enumerate() {
@@ -300,7 +300,7 @@ pub fn mirrored_pairs(names: &[String]) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// What a name of the left side is called on the right one.
+/// The possible names of the right side's counterpart of a name of the left side.
 fn other_sides(name: &str) -> Vec<String> {
     let mut others: Vec<String> = [("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")]
         .iter()
@@ -393,9 +393,9 @@ mod tests {
                 .unwrap_err()
                 .contains("line 5: found `2,3`")
         );
-        assert!(rows("scorer,a\nx,b\n", &[]).unwrap_err().contains("lacks the line `bodyparts`"));
+        assert!(rows("scorer,a\nx,b\n", &[]).unwrap_err().contains("`bodyparts`"));
         assert!(rows("scorer,a\nbodyparts,t\ncoords,q\n", &[]).unwrap_err().contains("no column `x`"));
-        assert!(rows("frame_idx,a\n1,2\n", &[]).unwrap_err().contains("no columns NODE.x"));
+        assert!(rows("frame_idx,a\n1,2\n", &[]).unwrap_err().contains("NODE.x"));
         assert!(rows(&DEEPLABCUT.replace("10.5", "ten"), &[]).unwrap_err().contains("line 4: found `ten`"));
         assert!(rows(&DEEPLABCUT.replace("\n1,", "\nfirst,"), &[]).unwrap_err().contains("line 5: found `first`"));
         let folder = tempfile::tempdir().unwrap();

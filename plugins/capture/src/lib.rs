@@ -9,7 +9,7 @@
 //! | [`capture.motion`](motion::CaptureMotion) | targets and marks in a motion file: C3D, TRC, BVH, our own tables, NPZ |
 //!
 //! What cannot be read is a counted gap at its own capture time, with a reason that names the file; a file or folder
-//! that gives nothing at all is refused before the run.
+//! without any usable frame is refused before the run.
 
 mod clock;
 mod decode;
@@ -25,14 +25,14 @@ mod points_dat;
 pub mod settings;
 #[cfg_attr(
     not(all(feature = "hardware", target_os = "linux")),
-    allow(dead_code, reason = "what only a real camera makes is built and tested without one")
+    allow(dead_code, reason = "constructed by real cameras only, but built and tested without one")
 )]
 pub mod v4l;
 pub mod video;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<v4l::V4l>();
     registry.add::<images::Images>();

@@ -10,20 +10,20 @@ use foveate::scene::natural_order;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Endings that a folder without a pattern is searched for.
+/// Extensions that a folder without a pattern is searched for.
 const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
-/// Numbers may span this many frames for each file, and [`SPAN_FREE`] more, before they are taken for something else.
+/// Numbers may span this many frames per file, and [`SPAN_FREE`] more; otherwise they are no frame numbers.
 const SPAN_PER_FILE: u64 = 100;
 const SPAN_FREE: u64 = 10_000;
 
-/// What says which frame a file is.
+/// How the frame of a file is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Numbering {
-    /// The number in its name; a number that is missing is a gap.
+    /// By the number in its name; a missing number is a gap.
     #[default]
     Name,
-    /// Its place in the natural order of the names; nothing can be missing.
+    /// By its place in the natural order of the names; no frame can be missing.
     Order,
 }
 
@@ -68,7 +68,7 @@ impl Listing {
             };
             if let Some(other) = by_number.get(&number) {
                 return Err(format!(
-                    "`{}` and `{}` both have number {number}; narrow the pattern",
+                    "`{}` and `{}` have the same number {number}; narrow the pattern",
                     other.display(),
                     name_of(&path)
                 ));
@@ -87,7 +87,7 @@ impl Listing {
         };
         if last - first > SPAN_FREE + SPAN_PER_FILE * n_files as u64 {
             return Err(format!(
-                "the numbers in the names of `{}` run from {first} to {last} for {n_files} files, so they do not count frames; set numbering = \"order\"",
+                "the numbers in the names of `{}` run from {first} to {last} for {n_files} files, so they are no frame numbers; set numbering = \"order\"",
                 pattern.display()
             ));
         }
@@ -155,7 +155,7 @@ fn matching(pattern: &Path) -> Result<Vec<PathBuf>, String> {
 /// The part of a path that exists, as the end of a sentence.
 fn nearest(path: &Path) -> String {
     let parent = path.ancestors().skip(1).find(|it| it.is_dir());
-    parent.map_or(String::new(), |it| format!("; `{}` exists", it.display()))
+    parent.map_or(String::new(), |it| format!("; found `{}`", it.display()))
 }
 
 fn name_of(path: &Path) -> String {

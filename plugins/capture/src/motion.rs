@@ -1,8 +1,8 @@
 //! `capture.motion`: targets and marks out of a motion file: C3D, TRC, BVH, our own tables, archives of `export.npy`.
 //!
 //! What is in the file decides its form. Points called `mark-N` are marks, and those that `marks` names, numbered in the order of the file; all others are targets,
-//! `target-N` by its own number and the others in the order of the file. All are in the world with z up, in metres. A target's velocity is the difference of its neighbours over their
-//! time; what a sample came from (`measured`, `predicted`, `filled`) is kept, and what `fill_ms` fills in is `filled`.
+//! numbered N where they are called `target-N`, else in the order of the file. All are in the world with z up, in metres. A target's velocity is the difference of its neighbours over their
+//! time; the provenance of a sample (`measured`, `predicted`, `filled`) is kept, and samples that `fill_ms` adds are `filled`.
 
 use std::collections::BTreeSet;
 
@@ -23,18 +23,18 @@ ports! {
 
 figures! {
     "motion.frames": count, neither, "Frames in the file";
-    "motion.frames_given": count, neither, "Frames given out; those before the start of the session are left out";
+        "motion.frames_given": count, neither, "Frames delivered; those before the start of the session are left out";
     "motion.targets": count, neither, "Points of the file that are targets";
     "motion.marks": count, neither, "Points of the file that are marks";
-    "motion.gaps_filled": count, neither, "With fill_ms: gaps of single points that were filled";
-    "motion.gaps_too_long": count, low, "With fill_ms: gaps longer than that, left open";
+        "motion.gaps_filled": count, neither, "Gaps of single points that fill_ms filled";
+        "motion.gaps_too_long": count, low, "Gaps longer than fill_ms, left open";
 }
 
 /// Which axis of the file is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FileUp {
-    /// As a C3D file says; y in TRC and BVH, z in all others.
+    /// As a C3D file states; y in TRC and BVH, z in all others.
     #[default]
     AsTold,
     /// y.
@@ -49,33 +49,33 @@ pub enum FileUp {
 pub struct CaptureMotionSettings {
     /// The file: C3D, TRC, BVH, `targets.csv`, `marks.csv`, `motion.npz` [–]
     pub path: String,
-    /// Points that are marks, beside those called `mark-N`; `*` stands for any letters, as in `F*` [–]
+    /// Points that are marks, besides those called `mark-N`; `*` matches any letters, as in `F*` [–]
     #[serde(default)]
     pub marks: Vec<String>,
-    /// How long a unit of the file is; 0: as the file says, centimetres in BVH [m]
+    /// Length of the file's unit; 0: as the file states, centimetres in BVH [m]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub metres_per_unit: f64,
     /// Which axis of the file is up: `as_told`, `y` or `z` [–]
     #[serde(default)]
     pub up: FileUp,
-    /// Gaps whose ends are at most so far apart are crossed; 0: none [ms]
+    /// Gaps up to this long are filled; 0: none [ms]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub fill_ms: f64,
-    /// Cut-off of a low-pass without a lag; 0: none [Hz]
+    /// Cut-off of a low-pass filter without phase lag; 0: no filter [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub smooth_hz: f64,
-    /// Standard deviation of a place where the file gives none [mm]
+    /// Standard deviation of a position where the file gives none [mm]
     #[serde(default = "default_sigma_mm")]
     #[schemars(range(min = 0.000001, max = 10000.0))]
     pub sigma_mm: f64,
-    /// Added to every time of the file; frames that come to lie before the start of the session are left out [s]
+    /// Added to every time of the file; frames before the start of the session are left out [s]
     #[serde(default)]
     #[schemars(range(min = -9000000000.0, max = 9000000000.0))]
     pub start_s: f64,
-    /// How long after they were seen frames are delivered [ms]
+    /// Delay between capture and delivery of frames [ms]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
@@ -92,7 +92,7 @@ enum Kind {
     Mark(u32),
 }
 
-/// Whether a name is of a pattern with `*`.
+/// Whether a name matches a pattern with `*`.
 fn is_of(pattern: &str, name: &str) -> bool {
     match pattern.split_once('*') {
         None => pattern == name,
@@ -137,7 +137,7 @@ pub struct CaptureMotion {
     latency: Interval,
     start: Interval,
     sigma: f64,
-    /// By name, where the calibration knows it.
+    /// Cameras of the file, where the calibration has them.
     cameras: Vec<Option<CameraId>>,
     remarks: Vec<String>,
     figures: [(&'static str, f64); 5],
@@ -153,7 +153,7 @@ impl CaptureMotion {
         sample.cameras.iter().filter_map(|it| *self.cameras.get(usize::from(it.0))?).collect()
     }
 
-    /// By the frames before and behind, where the point is there, else by one of them; and its variance. [m/s]
+    /// Difference of the frames before and after, where the point is there, else of one of them and this one; and its variance. [m/s]
     fn velocity(&self, frame: usize, point: usize) -> (Vector3<f64>, f64) {
         let near = |frame: Option<usize>| Some((frame?, self.motion.get(frame?, point)?));
         let here = near(Some(frame));
@@ -208,7 +208,7 @@ impl CaptureMotion {
 impl Node for CaptureMotion {
     const TYPE: &'static str = "capture.motion";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads targets and marks from a motion file: C3D, TRC, BVH, our own tables, NPZ";
+    const SUMMARY: &'static str = "Reads targets and marks from a motion file: C3D, TRC, BVH, CSV tables or NPZ";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CaptureMotionSettings;
 

@@ -1,9 +1,9 @@
-//! What MultiCamSelfCal keeps of a waved light: `points.dat`, three rows a camera (x, y, 1) and a column a frame, and beside it `IdMat.dat`, a row a
+//! MultiCamSelfCal's files of a waved light: `points.dat`, three rows a camera (x, y, 1) and a column a frame, and beside it `IdMat.dat`, a row a
 //! camera with 1 where the light was found.
 
 use std::path::Path;
 
-/// Files of more numbers are no such files [–].
+/// Files of more numbers are refused [–].
 const MOST_NUMBERS: usize = 50_000_000;
 
 /// The rows of the `camera`-th camera as lines of frame, x and y, 0 and 0 where it found nothing.
@@ -30,7 +30,7 @@ pub(crate) fn rows_of(path: &Path, camera: usize) -> Result<String, String> {
     }
     if camera >= found.len() {
         return Err(format!(
-            "`{}` is of {} cameras, and this is camera {} of the calibration; expected as many, in the same order",
+            "`{}` has {} cameras, and this is camera {} of the calibration; expected as many cameras, in the same order",
             path.display(),
             found.len(),
             camera + 1
@@ -63,7 +63,7 @@ fn matrix(path: &Path) -> Result<Vec<Vec<f64>>, String> {
             return Err(format!("`{place}`: line {line} has {found} numbers, expected {expected} as in the first"));
         }
         if count > MOST_NUMBERS {
-            return Err(format!("`{place}` holds more than {MOST_NUMBERS} numbers, so this is no such file"));
+            return Err(format!("`{place}` holds more than {MOST_NUMBERS} numbers, expected fewer"));
         }
         rows.push(row);
     }
@@ -94,7 +94,7 @@ mod tests {
         for (points, found, camera, words) in [
             ("1 2\n3 4\n", "1 1\n", 0, "2 rows of 2 numbers"),
             (POINTS, "1 1 1\n", 0, "IdMat.dat` holds 1 rows of 3 numbers, expected 2 of 3"),
-            (POINTS, "1 1 1\n1 1 1\n", 2, "is of 2 cameras, and this is camera 3"),
+            (POINTS, "1 1 1\n1 1 1\n", 2, "has 2 cameras, and this is camera 3"),
             ("1 2\n3\n", "1 1\n", 0, "line 2 has 1 numbers, expected 2"),
             ("1 2\n3 four\n", "1 1\n", 0, "line 2: found `four`"),
             ("", "", 0, "0 rows of 0 numbers"),

@@ -6,7 +6,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What pictures are decoded to.
+/// Format that pictures are decoded to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -18,7 +18,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The same as messages say it.
+    /// The same as a format of messages.
     pub fn pixel_format(self) -> PixelFormat {
         match self {
             Format::Gray => PixelFormat::Gray8,
@@ -27,7 +27,7 @@ impl Format {
     }
 }
 
-/// Which lines of an interlaced frame are kept: the two fields were taken one after the other, so that what moves has a comb's edge in the whole frame.
+/// Which lines of an interlaced frame are kept: the two fields were exposed one after the other, so edges of moving objects are combed in the whole frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Field {
@@ -41,7 +41,7 @@ pub enum Field {
 }
 
 impl Field {
-    /// Leaves the lines of this field of a frame.
+    /// Keeps the lines of this field of a frame.
     pub(crate) fn keep(self, image: &mut Image) {
         let first = match self {
             Field::Whole => return,
@@ -68,7 +68,7 @@ impl Field {
     }
 }
 
-/// When frame `index` of a regular sequence was seen; each time is rounded on its own, so nothing adds up.
+/// When frame `index` of a regular sequence was captured; each time is rounded on its own, so that errors do not add up.
 pub(crate) fn frame_time(start_s: f64, rate_hz: f64, index: u64) -> Time {
     Time::from_s(start_s) + Interval::from_s(index as f64 / rate_hz)
 }
@@ -82,20 +82,20 @@ pub(crate) fn camera_of(setup: &Setup, node: &str) -> Result<CameraId, ConfigErr
     })
 }
 
-/// A `path` that names the camera, as it is of each camera of the calibration.
+/// The `path` of each camera of the calibration, where the setting names the camera.
 pub(crate) fn paths_of_cameras(setup: &Setup, path: &str) -> impl Iterator<Item = PathBuf> {
     let cameras = (0..setup.calibration.cameras.len()).map(|index| CameraId(index as u16));
     cameras.filter_map(move |camera| Setup { camera: Some(camera), ..setup.clone() }.path("path", path).ok())
 }
 
-/// What to add where the files of one camera are not there, at a `path` that names the camera, and those of others are.
+/// A hint for a camera whose files are missing while other cameras have theirs.
 pub(crate) fn where_others_have(setup: &Setup, path: &str, has: impl Fn(&Path) -> bool) -> String {
     let Some(own) = setup.camera_name().filter(|_| path.contains("{camera}")) else { return String::new() };
     let n = setup.calibration.cameras.len();
     match paths_of_cameras(setup, path).filter(|it| has(it)).count() {
         0 => String::new(),
         others => format!(
-            "; {others} of {n} cameras have theirs: `each = [\"*\", \"!{own}\"]` leaves this one out, here and at the nodes that follow"
+            "; {others} of {n} cameras have theirs: `each = [\"*\", \"!{own}\"]` leaves this one out, here and at the nodes connected to it"
         ),
     }
 }

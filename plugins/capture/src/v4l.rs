@@ -1,8 +1,8 @@
 //! `capture.v4l`: a camera on this machine, through Video4Linux.
 //!
 //! A thread waits for the driver and puts pictures into a bounded box; the node takes them out of it. Each picture is
-//! stamped with the driver's own time, carried to the session clock (`v4l/clock.rs`); what is lost, damaged or late is a gap
-//! with its reason, and a camera that disappears is looked for until it is there again (`v4l/stream.rs`). Talking to the
+//! stamped with the driver's own time, converted to the session clock (`v4l/clock.rs`); what is lost, damaged or late is a gap
+//! with its reason, and a camera that disappears is opened again once it is back (`v4l/stream.rs`). Talking to the
 //! driver needs the feature `hardware`; everything else is built and tested without.
 
 #[cfg(all(feature = "hardware", target_os = "linux"))]
@@ -39,18 +39,18 @@ ports! {
 }
 
 figures! {
-    "v4l.frames.*": count, neither, "Pictures of the camera given out";
-    "v4l.gaps.*": count, low, "Frames that are missing, for whatever reason";
-    "v4l.lost_by_driver.*": count, low, "Frames that the driver numbered and did not give";
+        "v4l.frames.*": count, neither, "Pictures of the camera delivered";
+        "v4l.gaps.*": count, low, "Missing frames, for any reason";
+        "v4l.lost_by_driver.*": count, low, "Frames that the driver counted and did not deliver";
     "v4l.unusable.*": count, low, "Pictures that were damaged, short or could not be decoded";
     "v4l.restarts.*": count, low, "Starts of the stream after the first";
     "v4l.reopenings.*": count, low, "Openings of the camera after the first";
-    "v4l.rate_hz.*": Hz, neither, "Pictures a second between the first and the last, by their stamps";
-    "v4l.latency_ms.{mean,max}.*": ms, low, "From the stamp of a picture to its arrival, over pictures given out";
-    "v4l.drift_ppm.*": ppm, neither, "Trend of that: by how much the clock of the stamps runs slower than this machine's";
+        "v4l.rate_hz.*": Hz, neither, "Frame rate between the first and the last picture, by their stamps";
+        "v4l.latency_ms.{mean,max}.*": ms, low, "From the stamp of a picture to its arrival, over pictures delivered";
+        "v4l.drift_ppm.*": ppm, neither, "Trend of the latency: how much slower the clock of the stamps runs than this machine's";
 }
 
-/// Why there are no cameras in a program that was built without them.
+/// Message of a program that was built without cameras.
 #[cfg(not(all(feature = "hardware", target_os = "linux")))]
 const NOT_BUILT_IN: &str = "this program is built without cameras; on Linux, with libclang installed, \
                             `cargo build --release --features hardware` builds it with them";
@@ -59,7 +59,7 @@ const NOT_BUILT_IN: &str = "this program is built without cameras; on Linux, wit
 pub struct V4l {
     settings: V4lSettings,
     camera: CameraId,
-    /// What figures are named after.
+    /// Name in the figures.
     name: String,
     instance: String,
     source: Source,
@@ -72,7 +72,7 @@ pub struct V4l {
 }
 
 enum Source {
-    /// The node is only being checked.
+    /// The node is being checked, not run.
     None,
     Open(Box<dyn Device>, Layout),
     Reading(Reader),
@@ -135,7 +135,7 @@ impl V4l {
         Ok(())
     }
 
-    /// Gives out a turn: what was lost before it, spread over the time since the last one, then itself.
+    /// Delivers a turn: first the gaps since the last one, spread over the time between, then its picture.
     fn give_out(&mut self, turn: Turn, io: &mut Io<'_>) {
         let Turn { stamp, arrival, what, lost } = turn;
         let seen = self.clock.session(stamp) - Interval::from_ms(self.settings.stamp_delay_ms);
@@ -184,7 +184,7 @@ impl V4l {
         figures.iter().for_each(|(figure, value)| report.figure(format!("v4l.{figure}.{}", self.name), *value));
         if counts.unstamped > 0 {
             report.remark(format!(
-                "{}: {} pictures carry no time stamp of the monotonic clock; they have the time of their arrival",
+                "{}: {} pictures have no time stamp of the monotonic clock; the time of their arrival is used",
                 self.instance, counts.unstamped
             ));
         } else if self.statistics.count() > 0 {
@@ -197,7 +197,7 @@ impl V4l {
 impl Node for V4l {
     const TYPE: &'static str = "capture.v4l";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads a camera of this machine (Video4Linux)";
+    const SUMMARY: &'static str = "Reads a camera of this machine (Video4Linux, Linux only)";
     const LIVE: bool = true;
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = V4lSettings;
@@ -213,7 +213,7 @@ impl Node for V4l {
         if let Some([columns, rows]) = calibrated {
             for (name, asked, known) in [("width", settings.width, columns), ("height", settings.height, rows)] {
                 if let Some(asked) = asked.filter(|it| *it != known) {
-                    let message = format!("found {asked}, the calibration of this camera is for {known} [px]");
+                    let message = format!("found {asked}, expected {known} as in the calibration of this camera [px]");
                     return Err(ConfigError::at(name, message));
                 }
             }

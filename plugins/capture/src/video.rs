@@ -1,8 +1,8 @@
 //! `capture.video`: a video file of one camera, decoded by an `ffmpeg` child process.
 //!
-//! The first frame is seen at `start_s`, the others as much later as the file's own time stamps say, also where a phone varied
+//! The first frame has the time `start_s`, the others follow at the file's own time stamps, also for a phone that varied
 //! its rate; or, with `rate_hz`, at a regular distance. Where the time stamps leave out frames, each of them is a gap. The
-//! child is started when the node is first asked for a frame, and is gone when the node is dropped.
+//! child is started at the node's first activation, and is killed when the node is dropped.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -21,9 +21,9 @@ ports! {
     IMAGE: Out<Image> = "image";
 }
 
-/// A step of the time stamps longer than this many average frames has left something out.
+/// A step of the time stamps longer than this many average frames counts as missing frames.
 const LONG_STEP: f64 = 1.75;
-/// Frames left out in one place that are each counted as a gap; a longer pause counts as so many.
+/// Missing frames in one place that are each counted as a gap; a longer pause counts as this many.
 const GAPS_A_STEP: u64 = 1000;
 
 /// Settings of [`Video`].
@@ -35,15 +35,15 @@ pub struct VideoSettings {
     /// What the frames are decoded to [–]
     #[serde(default)]
     pub format: Format,
-    /// Session time of the first frame, for cameras that began later than others [s]
+    /// Session time of the first frame, for cameras that started later than others [s]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub start_s: f64,
-    /// Frames a second when they were taken, for slow-motion and files with bad time stamps; 0: the file's own times [Hz]
+    /// Frame rate of the capture, for slow motion and files with bad time stamps; 0: the file's own times [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// How long after it was seen a frame is delivered, as a real camera would take [ms]
+    /// Delay between capture and delivery of a frame, as of a real camera [ms]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub latency_ms: f64,
@@ -51,10 +51,10 @@ pub struct VideoSettings {
     /// calibration states; empty: none [–]
     #[serde(default)]
     pub filter: String,
-    /// Lines of interlaced frames that are kept, `odd` or `even`, before any filter: pictures, and what the calibration says of the camera, then have half the height [–]
+    /// Lines of interlaced frames that are kept, `odd` or `even`, before any filter: the pictures then have half the height, and the calibration must be of such pictures [–]
     #[serde(default)]
     pub field: Field,
-    /// Threads to decode on; 0: as `ffmpeg` thinks best. With many cameras 1 is best [–]
+    /// Decoder threads; 0: chosen by `ffmpeg`. With many cameras 1 is best [–]
     #[serde(default = "default_threads")]
     #[schemars(range(min = 0, max = 64))]
     pub threads: u32,
@@ -95,7 +95,7 @@ enum What {
     Fault(String),
 }
 
-/// One file on its way through `ffmpeg`.
+/// A file that is being decoded.
 struct Film {
     settings: VideoSettings,
     camera: CameraId,
@@ -114,7 +114,7 @@ struct Film {
     n_pictures: u64,
     left_out: u64,
     wrong: Reasons,
-    /// Where it was not bad enough to be a gap.
+    /// The end of the decoder, where it was not bad enough to be a gap.
     ending: Option<Ending>,
 }
 
@@ -149,7 +149,7 @@ impl Film {
         }
         if width.max(height) > SIDE_LIMIT {
             return Err(format!(
-                "claims to be {width} x {height} px{}, expected at most {SIDE_LIMIT} px each way",
+                "states a size of {width} x {height} px{}, expected at most {SIDE_LIMIT} px each way",
                 self.filtered()
             ));
         }
@@ -195,7 +195,7 @@ impl Film {
         if filter.is_empty() { String::new() } else { format!(" after filter = \"{filter}\"") }
     }
 
-    /// Session time of a frame; what was left out before it becomes gaps.
+    /// Session time of a frame; missing frames before it become gaps.
     fn time_of(&mut self, frame: &Announced, turns: &mut VecDeque<Turn>) -> Time {
         let nominal_s = 1.0 / self.header.rate_hz.unwrap_or(25.0);
         let (first, previous) = self.span.unwrap_or_default();
@@ -223,7 +223,7 @@ impl Film {
         for missing in 1..=n_missing {
             let part = (time - before).0 as f64 * missing as f64 / (n_missing + 1) as f64;
             // The same words for all of them, so that a log can count them.
-            let reason = format!("`{}` leaves out this frame", self.path.display());
+            let reason = format!("`{}` has no time stamp for this frame", self.path.display());
             turns.push_back(Turn { time: before + Interval(part.round() as i64), what: What::Gap(reason) });
         }
         self.left_out += n_missing;
@@ -264,13 +264,13 @@ impl Film {
             self.wrong.sentence(&format!("{instance} could not use {} frames of `{path}`", self.wrong.count())),
         );
         if self.left_out > 0 {
-            report.remark(format!("{instance}: the time stamps of `{path}` leave out {} frames", self.left_out));
+            report.remark(format!("{instance}: the time stamps of `{path}` lack {} frames", self.left_out));
         }
         let Some(ending) = &self.ending else { return };
         let announced = self.header.n_frames.filter(|&it| it > self.index);
         if let Some(announced) = announced {
             report.remark(format!(
-                "{instance}: `{path}` gave {} of the {announced} frames that its header announces",
+                "{instance}: `{path}` delivered {} of the {announced} frames in its header",
                 self.index
             ));
         }
@@ -304,7 +304,7 @@ impl Node for Video {
         })?;
         if !file.is_file() {
             return Err(refused(
-                "is no file, expected a video; for a folder of pictures there is `capture.images`".to_owned(),
+                "is no file, expected a video; for a folder of pictures use `capture.images`".to_owned(),
             ));
         }
         if file.len() == 0 {
@@ -495,7 +495,7 @@ mod tests {
             assert!((gap - expected / 30.0).abs() < 1.5e-3, "{gap}");
         }
         assert!((turns[13].0 - 13.0 / 30.0).abs() < 1e-3);
-        assert!(remarks(&mut node).contains("leave out 3 frames"));
+        assert!(remarks(&mut node).contains("3 frames"));
     }
 
     #[test]

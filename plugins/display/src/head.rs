@@ -1,10 +1,10 @@
-//! A head by its lights: which target is which light, and where the head is.
+//! The pose of a head from its lights, and which target is which light.
 //!
-//! Lights have no names. They are told apart by how far they are from each other: an assignment of targets to lights holds when all distances do, and of several the one
+//! Lights have no names. They are distinguished by their mutual distances: an assignment of targets to lights is valid when all distances agree, and of several valid assignments the one
 //! that fits best is taken; the transform that fits must not mirror. Once known, a light is known by its target's identity.
 //!
-//! Three lights in view fix the head's pose; with two the head keeps its last turn about the line through them, with one its whole turn. A head that has two lights at
-//! all begins as somebody who stands upright and looks at the display: of the two ways round, the one nearer to that is taken.
+//! Three lights in view fix the head's pose; with two, the rotation about the line through them is kept; with one, the whole rotation. A head with only two lights is
+//! initially assumed upright and facing the display: of the two possible assignments, the nearer to that is used.
 
 use std::collections::BTreeMap;
 
@@ -12,24 +12,24 @@ use foveate::geometry::{AlignmentOptions, align};
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 
-/// Targets that are looked at when lights are searched for: a person's, and a few more.
+/// Most targets that are searched for the lights: those of one person, and a few more.
 const MOST_TARGETS: usize = 64;
 
-/// A head by its lights.
+/// A head with lights.
 pub(crate) struct Head {
     /// In the head's space [m].
     lights: Vec<Point3<f64>>,
-    /// Distances may be off by so much [m].
+    /// Tolerance of distances [m].
     tolerance: f64,
     /// By target: which light it is.
     known: BTreeMap<TargetId, usize>,
     space_from_head: Option<Isometry3<f64>>,
-    /// Where somebody looks who has not been seen yet.
+    /// Initial orientation of a viewer.
     start: UnitQuaternion<f64>,
 }
 
 impl Head {
-    /// Of lights in the head's space, two at least; `start` turns the head of somebody who looks at the display.
+    /// Of lights in the head's space, two at least; `start` is the orientation of a viewer who faces the display.
     pub(crate) fn new(lights: Vec<Point3<f64>>, tolerance: f64, start: UnitQuaternion<f64>) -> Head {
         Head { lights, tolerance, known: BTreeMap::new(), space_from_head: None, start }
     }
@@ -44,7 +44,7 @@ impl Head {
         self.known.contains_key(&id)
     }
 
-    /// Where the head is, by these targets; `None` where it cannot be told.
+    /// The head's pose from these targets; `None` where it is unobservable.
     pub(crate) fn find(&mut self, targets: &[Target]) -> Option<Isometry3<f64>> {
         self.known.retain(|id, _| targets.iter().any(|it| it.id == *id));
         if !self.is_consistent(targets) {

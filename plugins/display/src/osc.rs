@@ -1,8 +1,8 @@
-//! `display.osc`: the matrices of each eye and tile over OSC and UDP, for renderers of others.
+//! `display.osc`: the matrices of each eye and tile over OSC and UDP, for other renderers.
 //!
 //! A datagram a tile, an OSC bundle of `/foveate/view` messages: name of the tile (s), eye (i: 0 left, 1 right), session time at which the picture is seen (d) [s],
-//! the eye's place (fff) [m], and sixteen numbers (f) that take a point of the space to clip space, column by column, as OpenGL has them. An eye that is not before
-//! the tile has no message. At most `rate_hz` a second of session time leave; what comes in between gives way to what is newer, and is counted.
+//! the eye's place (fff) [m], and sixteen numbers (f) that map a point of the space to clip space, column by column, as in OpenGL. An eye that is not in front of
+//! the tile has no message. At most `rate_hz` a second of session time are sent; messages between them are replaced by newer ones, and counted.
 
 use std::io::ErrorKind;
 use std::net::{ToSocketAddrs, UdpSocket};
@@ -18,17 +18,17 @@ ports! {
 
 figures! {
     "views_osc.sent": count, neither, "Datagrams sent";
-    "views_osc.superseded": count, neither, "Messages that gave way to a newer one, to keep to `rate_hz`";
-    "views_osc.failed": count, low, "Datagrams that the system did not take";
+        "views_osc.superseded": count, neither, "Messages replaced by a newer one to keep to `rate_hz`";
+        "views_osc.failed": count, low, "Datagrams that the system did not send";
 }
 
 /// Settings of [`OscViews`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OscViewsSettings {
-    /// Where the renderer listens, HOST:PORT [–]
+    /// Address of the renderer, HOST:PORT [–]
     pub to: String,
-    /// Most messages a tile in a second of the session [Hz]
+    /// Most messages per tile and second of session time [Hz]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub rate_hz: f64,
 }
@@ -44,8 +44,8 @@ pub struct OscViews {
     to: String,
     period: Interval,
     line: Option<UdpSocket>,
-    /// The last datagram but one found no program that listens.
-    is_unheard: bool,
+    /// Whether the last datagrams reached no program.
+    has_no_listener: bool,
     sent: Option<Time>,
     n_sent: u64,
     n_superseded: u64,
@@ -74,7 +74,7 @@ impl Node for OscViews {
         let (mut line, mut unreached) = (None, None);
         if setup.purpose == Purpose::Run {
             let address = to.to_socket_addrs().map_err(|error| fault(&error))?.next();
-            let address = address.ok_or_else(|| fault(&"nothing has that name"))?;
+            let address = address.ok_or_else(|| fault(&"the name has no address"))?;
             let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" });
             let socket = socket.and_then(|it| it.set_nonblocking(true).map(|()| it)).map_err(|error| fault(&error))?;
             // Connected, it is told when nobody listens there.
@@ -86,7 +86,7 @@ impl Node for OscViews {
             to,
             period,
             line,
-            is_unheard: false,
+            has_no_listener: false,
             sent: None,
             n_sent: 0,
             n_superseded: 0,
@@ -108,8 +108,8 @@ impl Node for OscViews {
             let Ok(datagram) = encoder::encode(&bundle(views.shown_at, tile)) else { continue };
             let mut sent = socket.send(&datagram);
             // What is said is of a datagram before: its port is closed. This one has not left yet.
-            self.is_unheard = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
-            if self.is_unheard {
+            self.has_no_listener = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
+            if self.has_no_listener {
                 sent = socket.send(&datagram);
             }
             match sent {
@@ -129,7 +129,7 @@ impl Node for OscViews {
         report.figure("views_osc.sent", self.n_sent as f64);
         report.figure("views_osc.superseded", self.n_superseded as f64);
         report.figure("views_osc.failed", self.n_failed as f64);
-        if self.is_unheard {
+        if self.has_no_listener {
             report.remark(format!(
                 "no program listened at `{}` at the end of the run: is the renderer up, and is that its port?",
                 self.to

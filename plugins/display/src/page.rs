@@ -1,8 +1,8 @@
-//! `display.page`: a page for one tile, which draws a box behind the display for the place of somebody's eye.
+//! `display.page`: a page for one tile, which draws a box behind the display in the perspective of the viewer's eye.
 //!
 //! Each page gets the matrices of its tile with the moment at which they are to be seen, on the server's clock, and shows in each frame those that are nearest to the
 //! moment of that frame: pages on several computers show the same moment. A window is never more than twelve messages behind; while it stalls, nothing is sent.
-//! Nothing that a page says enters the run.
+//! Nothing that a page sends enters the run.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,10 +18,10 @@ ports! {
 }
 
 figures! {
-    "tile.windows.*": count, neither, "Windows in which the tile's page was opened; missing where there was none, as all figures below";
-    "tile.sent.*": count, neither, "Messages sent, over all windows";
-    "tile.held_back.*": count, low, "Messages not sent since the window had not seen those before";
-    "tile.refused.*": count, low, "Messages of windows that are none of this page's";
+    "tile.windows.*": count, neither, "Windows in which the tile's page was opened; missing without any window, as are the figures below";
+        "tile.sent.*": count, neither, "Messages sent to all windows";
+        "tile.held_back.*": count, low, "Messages not sent because the window had not shown those before";
+        "tile.refused.*": count, low, "Messages of windows that are not of this page";
 }
 
 /// The page.
@@ -33,12 +33,12 @@ const MOST_UNSEEN: u64 = 12;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TilePageSettings {
-    /// The tile, by its name among those of the viewer [–]
+    /// Name of the tile among those of the viewer [–]
     pub tile: String,
-    /// Most messages to a window in a second of the clock on the wall [Hz]
+    /// Most messages per window and second of wall-clock time [Hz]
     #[schemars(range(min = 1.0, max = 240.0))]
     pub rate_hz: f64,
-    /// How deep the box is behind the display [m]
+    /// Depth of the box behind the display [m]
     #[schemars(range(min = 0.05, max = 100.0))]
     pub depth_m: f64,
 }
@@ -65,12 +65,12 @@ pub struct TilePage {
 #[derive(Default)]
 struct Window {
     sent: u64,
-    /// None until it has said what it has seen: a program that only listens never does.
+    /// None until the window has sent what it has seen; a program that only listens never does.
     seen: Option<u64>,
     last: Option<i64>,
 }
 
-/// What a window may say.
+/// Messages of a window.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Said {
@@ -81,7 +81,7 @@ impl Node for TilePage {
     const TYPE: &'static str = "display.page";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "A page for one tile of a head-tracked display, which draws a box behind it for the eye's place";
+        "Serves the page of one display tile, which draws a box behind it for the viewer's eye";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TilePageSettings;
 
@@ -93,9 +93,9 @@ impl Node for TilePage {
         ConfigError::unless_in("rate_hz", settings.rate_hz, 1.0..=240.0)?;
         ConfigError::unless_in("depth_m", settings.depth_m, 0.05..=100.0)?;
         if settings.tile.is_empty() {
-            return Err(ConfigError::at("tile", "found no name, expected that of a tile of the viewer"));
+            return Err(ConfigError::at("tile", "found no name, expected the name of a tile of the viewer"));
         }
-        setup.want("tile", "tile", &settings.tile);
+        setup.refer("tile", "tile", &settings.tile);
         let mut link = None;
         if setup.purpose == Purpose::Run {
             let page = Page { html: HTML, files: Arc::new(|_| None) };
@@ -115,7 +115,7 @@ impl Node for TilePage {
             self.others.get_or_insert_with(|| names.join(", "));
             return Ok(());
         };
-        self.hear();
+        self.receive();
         let now = io.now();
         if let Some(mut link) = self.link.take() {
             self.send(&mut *link, now, &views, tile);
@@ -152,8 +152,8 @@ impl Node for TilePage {
 }
 
 impl TilePage {
-    /// Takes in what windows have said since the last time.
-    fn hear(&mut self) {
+    /// Takes in the windows' messages since the last time.
+    fn receive(&mut self) {
         let Some(link) = &mut self.link else { return };
         while let Some(event) = link.take() {
             match event.what {

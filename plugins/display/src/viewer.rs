@@ -1,14 +1,14 @@
-//! `display.viewer`: from the lights on somebody's head to what each eye should see on each tile of a display, at the moment at which it is seen.
+//! `display.viewer`: what each eye should see on each tile of a display at display time, from the lights on a viewer's head.
 //!
-//! The lights are found among all targets (`head`), and the eyes lie where the head's pose puts them. Each eye is carried on to `display_latency_ms` after the views
-//! are given out by a predictor of its own (`foveate::estimation::prediction`), which turns of the head enter as well. The frustum is that of R. Kooima
+//! The lights are found among all targets (`head`), and the eyes lie where the head's pose puts them. Each eye is predicted to `display_latency_ms` after the views
+//! are sent, by a predictor of its own (`foveate::estimation::prediction`), which includes the head's rotation. The frustum is that of R. Kooima
 //! (`foveate::geometry::off_axis`).
 //!
-//! Where the head is not seen the eyes are carried on for `hold_ms`, and then no views are given: whoever shows them keeps the last.
+//! While the head is not seen, the eyes are predicted for `hold_ms`, and then no views are sent: displays keep the last.
 
 mod doubts;
 
-use foveate::estimation::{Predictor, PredictorOptions, Way};
+use foveate::estimation::{PredictionMethod, Predictor, PredictorOptions};
 use foveate::geometry::Screen;
 use foveate::prelude::*;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
@@ -24,20 +24,20 @@ ports! {
 }
 
 figures! {
-    "viewer.views": count, neither, "Messages of views given out";
-    "viewer.found": share, high, "Messages of targets in which the head was found, of those from the first such one on";
-    "viewer.eyes_behind": count, low, "Eyes that were not before a tile, over all tiles and messages";
+        "viewer.views": count, neither, "Messages of views sent";
+        "viewer.found": share, high, "Messages of targets in which the head was found, of those from the first such message on";
+        "viewer.eyes_behind": count, low, "Eyes not in front of a tile, over all tiles and messages";
 }
 
-/// How an eye is carried on.
+/// How an eye is predicted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Foretell {
-    /// Not at all: where it was seen.
+pub enum EyePrediction {
+    /// Not predicted: the last position.
     Still,
     /// With its velocity.
     Velocity,
-    /// By several ways, each weighted by how well it has foretold of late.
+    /// By several predictors, weighted by recent prediction error.
     #[default]
     Weighted,
 }
@@ -48,7 +48,7 @@ pub enum Foretell {
 pub struct TileSettings {
     /// Its name [–]
     pub name: String,
-    /// Its lower left corner, as seen by who looks at it [m]
+    /// Its lower left corner, seen from the front [m]
     pub lower_left_m: [f64; 3],
     /// Its lower right corner [m]
     pub lower_right_m: [f64; 3],
@@ -65,7 +65,7 @@ impl TileSettings {
         let ratio = pixel(0) / pixel(1);
         if !PIXEL_SIDES.contains(&ratio) {
             return Err(format!(
-                "found pixels {ratio:.2} times as wide as high, expected {} to {}: do the corners go with `size_px`?",
+                "found pixels {ratio:.2} times as wide as high, expected {} to {}: do the corners match `size_px`?",
                 PIXEL_SIDES.start(),
                 PIXEL_SIDES.end()
             ));
@@ -87,27 +87,27 @@ impl TileSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewerSettings {
-    /// The lights on the head, two or more, in its space: x forward, y left, z up. No two distances between them should be alike [mm]
+    /// The lights on the head, two or more, in its space: x forward, y left, z up. No two distances between them should be equal [mm]
     pub lights_mm: Vec<[f64; 3]>,
     /// The left and the right eye in the same space [mm]
     pub eyes_mm: [[f64; 3]; 2],
-    /// Distances between lights may be off by so much: how well they were measured, and the tracker's errors [mm]
+    /// Tolerance of the distances between lights: measurement of the lights and errors of the tracker [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub tolerance_mm: f64,
     /// The tiles [–]
     pub tiles: Vec<TileSettings>,
-    /// From the views until people see the picture that is made of them, as measured at this display [ms]
+    /// Delay from sending the views until their picture is visible, as measured at this display [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub display_latency_ms: f64,
-    /// How eyes are carried on to that moment [–]
-    pub foretell: Foretell,
-    /// For so long views go on while the head is not seen [ms]
+    /// How eyes are predicted to that moment [–]
+    pub foretell: EyePrediction,
+    /// How long views continue while the head is not seen [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub hold_ms: f64,
-    /// From the eye, what is nearer is not drawn [m]
+    /// Near plane: what is nearer to the eye is not drawn [m]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub near_m: f64,
-    /// From the eye, what is farther is not drawn [m]
+    /// Far plane: what is farther from the eye is not drawn [m]
     #[schemars(range(min = 0.1, max = 100000.0))]
     pub far_m: f64,
 }
@@ -120,7 +120,7 @@ impl Default for ViewerSettings {
             tolerance_mm: 12.0,
             tiles: Vec::new(),
             display_latency_ms: 50.0,
-            foretell: Foretell::default(),
+            foretell: EyePrediction::default(),
             hold_ms: 200.0,
             near_m: 0.05,
             far_m: 50.0,
@@ -188,9 +188,9 @@ impl ViewerSettings {
 
 /// Pixels of displays are about as wide as high [–].
 const PIXEL_SIDES: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// Nobody looks at a tile from a room that is this many times smaller than the tile is far [–].
+/// Largest ratio of a tile's distance to the size of the room [–].
 const FARTHEST_TILE: f64 = 10.0;
-/// Pupils of people from small children on are this far apart [mm].
+/// Distance between people's pupils, from small children on [mm].
 const EYES_APART_MM: std::ops::RangeInclusive<f64> = 40.0..=90.0;
 /// Eyes are no farther from the origin of the head's space than this along each axis [mm].
 const FARTHEST_EYE_MM: f64 = 500.0;
@@ -201,7 +201,7 @@ struct Tile {
     size_px: [u32; 2],
     corners: [Point3<f64>; 3],
     screen: Screen,
-    /// Eyes that were not before it.
+    /// Eyes that were not in front of it.
     n_behind: u64,
 }
 
@@ -219,7 +219,7 @@ pub struct Viewer {
     n_looked: u64,
     n_found: u64,
     doubts: Doubts,
-    /// What the tiles face, on the whole.
+    /// Mean normal of the tiles.
     out: Vector3<f64>,
 }
 
@@ -227,7 +227,7 @@ impl Node for Viewer {
     const TYPE: &'static str = "display.viewer";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str =
-        "From the lights on a head to a frustum for each eye and tile, at the moment at which the picture is seen";
+        "Computes a frustum for each eye and tile from a tracked head, predicted to display time";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ViewerSettings;
 
@@ -251,7 +251,7 @@ impl Node for Viewer {
             let screen = Screen::from_corners(corners[0], corners[1], corners[2]);
             let screen = screen.map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
             if setup.volume_m.is_some_and(|it| !is_before(&screen, &corners[0], it)) {
-                let message = "found the whole `volume_m` of the scale behind this tile, expected its corners as who looks at it sees them: are lower left and lower right exchanged?";
+                let message = "found the whole `volume_m` of the scale behind this tile, expected its corners as seen from the front: are lower left and lower right exchanged?";
                 return Err(ConfigError::at(&at("lower_left_m"), message));
             }
             it.check_size(&corners, setup.volume_m).map_err(|fault| ConfigError::at(&at("lower_left_m"), fault))?;
@@ -263,12 +263,12 @@ impl Node for Viewer {
             tiles.push(Tile { name: it.name.clone(), size_px: it.size_px, corners, screen, n_behind: 0 });
         }
         let lights: Vec<Point3<f64>> = settings.lights_mm.iter().map(|it| Point3::from(*it) * 1e-3).collect();
-        let way = match settings.foretell {
-            Foretell::Still => Way::Still,
-            Foretell::Velocity => Way::Velocity,
-            Foretell::Weighted => Way::Weighted,
+        let method = match settings.foretell {
+            EyePrediction::Still => PredictionMethod::Still,
+            EyePrediction::Velocity => PredictionMethod::Velocity,
+            EyePrediction::Weighted => PredictionMethod::Weighted,
         };
-        let predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
+        let predictor = Predictor::new(PredictorOptions { method, ..PredictorOptions::default() });
         let normal: Vector3<f64> = tiles.iter().map(|it| it.screen.normal()).sum();
         let (tolerance, start) = (settings.tolerance_mm * 1e-3, looking_against(&normal));
         Ok(Self {
@@ -317,20 +317,20 @@ impl Node for Viewer {
         report.figure("viewer.eyes_behind", self.tiles.iter().map(|it| it.n_behind).sum::<u64>() as f64);
         for it in self.tiles.iter().filter(|it| self.n_views > 0 && it.n_behind == 2 * self.n_views) {
             report.remark(format!(
-                "no eye was ever before tile `{}`: does it face away? Expected its corners as who looks at it sees them",
+                "no eye was ever before tile `{}`: does it face away? Expected its corners as seen from the front",
                 it.name
             ));
         }
-        self.doubts.told(&self.out).into_iter().for_each(|it| report.remark(it));
+        self.doubts.remarks(&self.out).into_iter().for_each(|it| report.remark(it));
         if self.n_found == 0 {
-            report.remark("The head was never found: no targets were as far from each other as `lights_mm` says.");
+            report.remark("The head was never found: no targets had the mutual distances of `lights_mm`.");
         }
         Ok(())
     }
 }
 
 impl Viewer {
-    /// Looks for the head among the targets, and tells the predictors where its eyes are.
+    /// Searches the head among the targets, and updates the predictors of its eyes.
     fn look(&mut self, targets: &Targets) {
         let found = self.head.find(&targets.list);
         self.n_looked += u64::from(self.seen.is_some() || found.is_some());
@@ -372,13 +372,13 @@ impl Viewer {
     }
 }
 
-/// Whether any place of `volume`, opposite corners, is before `screen`, one of whose points is `on`.
+/// Whether any place of `volume`, opposite corners, is in front of `screen`, one of whose points is `on`.
 fn is_before(screen: &Screen, on: &Point3<f64>, volume: [[f64; 3]; 2]) -> bool {
     let corner = |number: usize| Point3::from([0, 1, 2].map(|axis| volume[(number >> axis) & 1][axis]));
     (0..8).any(|it| (corner(it) - on).dot(&screen.normal()) > 1e-6)
 }
 
-/// How the head of somebody is turned who stands upright and looks along the opposite of `normal`.
+/// Orientation of an upright head that looks along the opposite of `normal`.
 fn looking_against(normal: &Vector3<f64>) -> UnitQuaternion<f64> {
     let level = Vector3::new(-normal.x, -normal.y, 0.0).try_normalize(1e-6).unwrap_or(Vector3::x());
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&[

@@ -8,11 +8,11 @@ use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use foveate::engine::{self, Options};
 use foveate::geometry::Screen;
 use foveate::node::Pages;
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::chromium::{Chromium, Tab};
 use foveate_web::Server;
 use nalgebra::Point3;

@@ -7,9 +7,9 @@ use std::io::Read;
 use std::sync::Arc;
 use std::time::Instant;
 
-use foveate::engine::{self, Options};
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schemars::JsonSchema;

@@ -1,7 +1,7 @@
 //! `export.c3d`: targets and marks as C3D, on one time base, in millimetres of the world.
 //!
-//! Positions are 32-bit floats or 16-bit integers. The residual is the standard deviation of the position (root of the mean variance over the axes), which stands for
-//! the mean distance of the rays; never below one step for what was measured, 0 for what a model of shape filled in, −1 for what is missing.
+//! Positions are 32-bit floats or 16-bit integers. The residual is the standard deviation of the position (root of the mean variance over the axes), used as
+//! the mean distance of the rays; at least one step for measured points, 0 for points filled in by a shape model, −1 for missing points.
 //!
 //! The camera mask has seven bits. With up to seven cameras each has its own, in the order of the calibration; with more they share the
 //! bits evenly, neighbours by name together. `FOVEATE:CAMERAS` in the file says which. `FOVEATE:START_S` is the session time of the first frame.
@@ -24,14 +24,14 @@ const BITS: usize = 7;
 /// Bytes that each label has at least while the file grows, so that those of points that come later find room.
 const ROOM_FOR_LABELS: usize = 24;
 
-/// What the points are written as.
+/// Number format of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Numbers {
     /// 32-bit floats: exact to a few nanometres.
     #[default]
     Float,
-    /// 16-bit integers: half as long, exact to a 65,000th of the extent; for programs that read nothing else.
+    /// 16-bit integers: half as long, exact to a 65,000th of the extent; for programs that read only integers.
     Integer,
 }
 
@@ -39,12 +39,12 @@ pub enum Numbers {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EventSettings {
-    /// When, on the session's clock [s]
+    /// Time, on the session's clock [s]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub time_s: f64,
-    /// What, at most 120 bytes; programs that read only the header see the first four characters [–]
+    /// Label, at most 120 bytes; programs that read only the header see the first four characters [–]
     pub label: String,
-    /// Whose, such as `Left`, `Right`, `General` [–]
+    /// Context, such as `Left`, `Right`, `General` [–]
     #[serde(default = "default_context")]
     pub context: String,
 }
@@ -60,21 +60,21 @@ pub struct ExportC3dSettings {
     /// Name of the file in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    /// Frame rate; 0: that of the marks where they are connected, 60 otherwise [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// Between two samples of a point that are farther apart it is missing [ms]
+    /// Longest gap between two samples of a point that is interpolated; in a longer one the point is missing [ms]
     #[serde(default = "default_gap_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub gap_ms: f64,
     /// Names in the file in place of `target-N`, `PARENT-target-N` (PARENT: the parent scale's name) and `mark-N` [–]
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
-    /// What the points are written as: `float` or `integer` [–]
+    /// Number format of the points: `float` or `integer` [–]
     #[serde(default)]
     pub numbers: Numbers,
-    /// Residuals are told in steps of this, at most 255 of them; with `integer` the step is that of the coordinates instead [mm]
+    /// Step of the residuals, at most 255 steps; with `integer` the step is that of the coordinates instead [mm]
     #[serde(default = "default_residual_step_mm")]
     #[schemars(range(min = 0.000001, max = 1000.0))]
     pub residual_step_mm: f64,
@@ -91,16 +91,16 @@ fn default_residual_step_mm() -> f64 {
     0.02
 }
 
-/// Targets and marks into a C3D file, as they come: at any time the file holds what there was so far. Integers are made of floats at the end, for their scale is
+/// Targets and marks into a C3D file, during the run: at any time the file holds all frames so far. Integers are converted from floats at the end, because their scale is
 /// that of the farthest point.
 pub struct ExportC3d {
     gather: Option<Gather>,
     file: FrameFile<C3d>,
 }
 
-/// How frames become those of a C3D file.
+/// Converts frames to those of a C3D file.
 struct C3d {
-    /// With no point: what all frames have in common.
+    /// Without points: what all frames have in common.
     growing: Growing,
     events: Vec<EventSettings>,
     cameras: Vec<String>,
@@ -140,7 +140,7 @@ impl C3d {
         }
     }
 
-    /// Calls `give` with the samples of each row, those of missing columns missing.
+    /// Calls `give` with the samples of each row; missing columns are missing samples.
     fn rows(
         &self,
         columns: &Columns,
@@ -234,7 +234,7 @@ fn bit(camera: CameraId, n_cameras: usize) -> usize {
     (if n_cameras > BITS { camera * BITS / n_cameras } else { camera }).min(BITS - 1)
 }
 
-/// What each bit stands for, as long as a name may be.
+/// The name of each bit, of the length that a name may have.
 fn bits(cameras: &[String]) -> Vec<String> {
     let mut bits = vec![String::new(); cameras.len().min(BITS)];
     for (number, name) in (0..).zip(cameras) {
@@ -263,14 +263,13 @@ impl ExportC3d {
 
 figures! {
     "c3d.points": count, neither, "Targets and marks in the file";
-    "c3d.frames": count, neither, "Frames in the file, those without any point included";
+    "c3d.frames": count, neither, "Frames in the file, including those without any point";
 }
 
 impl Node for ExportC3d {
     const TYPE: &'static str = "export.c3d";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes targets and marks as C3D: millimetres, residuals, camera masks, missing points, events";
+    const SUMMARY: &'static str = "Writes targets and marks as C3D, with residuals, camera masks, gaps and events";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportC3dSettings;
 
@@ -438,7 +437,7 @@ mod tests {
         let settings: ExportC3dSettings = toml::from_str("").unwrap();
         let error = ExportC3d::new(settings.clone(), &setup).map(drop).unwrap_err();
         assert!(error.message.contains("`anchor.space`"), "{}", error.message);
-        let told = Setup { connected: vec!["targets".to_owned(), "spaces".to_owned()], ..setup };
-        assert!(ExportC3d::new(settings, &told).is_ok());
+        let complete = Setup { connected: vec!["targets".to_owned(), "spaces".to_owned()], ..setup };
+        assert!(ExportC3d::new(settings, &complete).is_ok());
     }
 }

@@ -4,15 +4,15 @@
 //! |---|---|
 //! | `CAMERA_SET.ply` | binary, little endian: x, y, z [m], nx, ny, nz, red, green, blue, confidence, sigma [m] of each point |
 //! | `CAMERA_SET.glb` | points with colours, normals, sigma and confidence, for viewers; y up |
-//! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`, in the pixel of each point alone; 0 where there is no point |
+//! | `CAMERA_SET_range.png` | 16 bits a pixel: depth along the camera's axis in units of `range_unit_mm`, in the pixel of each point; 0 elsewhere |
 //! | `CAMERA_SET_shaded.png` | 8 bits a pixel: the surface lit from the upper left of the camera; 0 where there is no point |
 //! | `CAMERA_SET_normals.png` | 8 bits a channel: x, y, z of the normals in the cloud's space, −1 to 1 as 1 to 255; 0 where there is none |
 //!
-//! The last two are to be looked at: points of a cloud that has fewer than one a pixel are drawn as squares as wide as from one to the next (module `dots`). The first is for programs.
+//! The last two are for viewing: points of a cloud that has fewer than one point per pixel are drawn as squares, each as wide as the distance to the next (module `dots`). The range picture is for programs.
 //!
-//! SET is the cloud's name; where it has none, as of what is measured moment by moment, the moment's number from 1 on: one without a cloud leaves a gap. A second file of one name ends in `_2`.
+//! SET is the cloud's name; a cloud without a name, as of live measurement, has the number of its moment from 1 on, where a moment without a cloud leaves a gap. A second file of one name ends in `_2`.
 //!
-//! Clouds at `cloud` are in the world. Those at `joined` are in the space of the scale that registered them, where a thing that is moved lies still: their files end in `_target`.
+//! Clouds at `cloud` are in the world. Those at `joined` are in the space of the scale that registered them, in which a moving object is still: their files end in `_target`.
 //!
 //! Source: G. Turk, "The PLY polygon file format", 1994.
 
@@ -35,7 +35,7 @@ ports! {
 }
 
 figures! {
-    "export.clouds": count, neither, "Point clouds that were written";
+        "export.clouds": count, neither, "Point clouds written";
 }
 
 /// Settings of [`ExportCloud`].
@@ -48,10 +48,10 @@ pub struct ExportCloudSettings {
     pub glb: bool,
     /// Whether range, normal and shaded pictures are written [–]
     pub pictures: bool,
-    /// What one gray level of a range picture stands for: at 0.1, 16 bits reach 6.5 m [mm]
+    /// Size of one gray level of a range picture: at 0.1, 16 bits reach 6.5 m [mm]
     #[schemars(range(min = 0.0001, max = 1000.0))]
     pub range_unit_mm: f64,
-    /// Clouds that are written, at most [–]
+    /// Most clouds that are written [–]
     #[schemars(range(min = 1, max = 100000))]
     pub max_clouds: u64,
 }
@@ -70,7 +70,7 @@ pub struct ExportCloud {
     names: BTreeMap<String, u64>,
     written: u64,
     left_out: u64,
-    /// Points that are farther away than range pictures can say.
+    /// Points too far away for range pictures.
     far: u64,
     report: Report,
 }
@@ -78,7 +78,7 @@ pub struct ExportCloud {
 impl Node for ExportCloud {
     const TYPE: &'static str = "export.cloud";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes point clouds as PLY, GLB, and range, normal and shaded pictures";
+    const SUMMARY: &'static str = "Writes point clouds as PLY and GLB, with range, normal and shaded pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportCloudSettings;
 
@@ -117,18 +117,18 @@ impl Node for ExportCloud {
         report.figure("export.clouds", self.written as f64);
         if self.left_out > 0 && self.file.is_wanted() {
             let (n, all) = (self.written, self.written + self.left_out);
-            report.remark(format!("of {all} point clouds the first {n} are written, as `max_clouds = {n}` says"));
+            report.remark(format!("the first {n} of {all} point clouds are written (`max_clouds = {n}`)"));
         }
         if self.far > 0 {
             let (n, unit) = (self.far, self.settings.range_unit_mm);
             report.remark(format!(
-                "{n} points are farther away than the {:.1} m that a range picture of 65535 steps of {unit} mm holds, and are 0 there: `range_unit_mm` says larger steps",
+                "{n} points are farther away than {:.1} m, the limit of a range picture of 65535 steps of {unit} mm, and are 0 there: set a larger `range_unit_mm`",
                 65.535 * unit
             ));
         }
         if self.calibration.length_unit != LengthUnit::Metre && self.written > 0 {
             report.remark(
-                "lengths in the files of point clouds are in the calibration's own unit, which was never measured in metres: `foveate convert --metres-per-unit` says it",
+                "lengths in the files of point clouds are in the calibration's own unit, whose length in metres is unknown: state it with `foveate convert --metres-per-unit`",
             );
         }
         Ok(())
@@ -136,7 +136,7 @@ impl Node for ExportCloud {
 }
 
 impl ExportCloud {
-    /// What files of a cloud begin with, unlike those of all before: of those alike the second is told apart by a 2. Clouds without a name have the number of their moment, `sequence` counting from 0.
+    /// A file prefix that no earlier cloud has: a repeated prefix gets a `_2`. Clouds without a name have the number of their moment; `sequence` counts from 0.
     fn free_stem(&mut self, camera: &str, name: &str, ending: &str, sequence: u64) -> String {
         let stem = match name {
             "" => file_part(&format!("{camera}{ending}_{}", sequence.saturating_add(1))),
@@ -218,7 +218,7 @@ impl ExportCloud {
     }
 }
 
-/// How bright a surface looks whose normal is `normal` in the space of a camera, lit from the camera's upper left.
+/// Brightness of a surface with `normal` in the space of a camera, lit from the camera's upper left.
 pub(crate) fn shade(normal: &Vector3<f64>) -> u8 {
     let light = Vector3::new(-0.5, -0.6, -1.0).normalize();
     (20.0 + 235.0 * normal.dot(&light).max(0.0)) as u8
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_of_no_known_unit_and_points_beyond_range_pictures_are_told() {
+    fn unknown_units_and_points_beyond_range_pictures_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let mut calibration = foveate_testkit::scene::ring_calibration(4);
         calibration.length_unit = LengthUnit::Unknown;
@@ -344,8 +344,8 @@ mod tests {
         bench.feed(&CLOUD, Time::ZERO, PointCloud { viewpoint, ..cloud() }).unwrap();
         let report = bench.finish().unwrap();
         let said = report.remarks.join("; ");
-        assert!(said.contains("3 points are farther away than the 6.6 m"), "{said}");
-        assert!(said.contains("own unit, which was never measured in metres"), "{said}");
+        assert!(said.contains("3 points are farther away than 6.6 m"), "{said}");
+        assert!(said.contains("`foveate convert --metres-per-unit`"), "{said}");
         let file = report.files.iter().find(|it| it.to_string_lossy().ends_with(".ply")).unwrap();
         let header = String::from_utf8_lossy(&std::fs::read(folder.path().join(file)).unwrap()[..80]).into_owned();
         assert!(header.contains("comment unit unknown") && !header.contains("metres"), "{header}");

@@ -1,22 +1,22 @@
-//! Names in CSV files and of files, the same bytes for the same values.
+//! Names in CSV files and file names, deterministic for the same values.
 
 pub(crate) use foveate::diagnostics::fields::field;
 pub(crate) use foveate::motion::csv::{fixed, scientific};
 use foveate::prelude::*;
 
-/// The names of all cameras of a setup as they stand in files; `+` joins them, so it becomes `_` within one.
+/// The names of all cameras of a setup as written in files; `+` joins them, so it becomes `_` within one.
 pub(crate) fn camera_names(setup: &Setup) -> Vec<String> {
     setup.calibration.cameras.iter().map(|it| it.name.replace('+', "_")).collect()
 }
 
-/// A name as part of a file's name: letters, digits, `-`, `_` and `.` stay.
+/// A name as part of a file name: letters, digits, `-`, `_` and `.` are kept.
 pub(crate) fn file_part(name: &str) -> String {
     let kept = |it: char| it.is_alphanumeric() || matches!(it, '-' | '_' | '.');
     let part: String = name.chars().map(|it| if kept(it) { it } else { '_' }).collect();
     part.trim_start_matches('.').to_owned()
 }
 
-/// Refuses what is not the plain name of a file.
+/// Refuses a name that is not a plain file name.
 pub(crate) fn check_file_name(setting: &str, name: &str) -> Result<(), ConfigError> {
     if name.is_empty() || file_part(name) != name {
         let rule = "expected a plain file name: letters, digits, `-`, `_` and `.`, without folders";

@@ -1,16 +1,16 @@
-//! Points of a cloud as squares in the picture of the camera that saw them, as wide as from one point to the next.
+//! Points of a cloud drawn as squares in their camera's picture, each as wide as the distance between points.
 //!
 //! A cloud of every tenth pixel is invisible as single pixels. The distance is that to the nearest other point, along the farther axis, median over the points. A pixel that several squares reach
 //! belongs to the point that is nearest to it.
 
 use foveate::prelude::*;
 
-/// Points are drawn no wider: clouds of few points far apart are no surface [px].
+/// Largest width: points of a cloud that is too sparse do not become a surface [px].
 const WIDEST_PX: u16 = 32;
-/// Points whose neighbours are looked for, of a cloud.
+/// Points of a cloud whose neighbours are searched.
 const ASKED: usize = 1000;
 
-/// Which pixels are whose.
+/// Owner of each pixel.
 pub(crate) struct Dots {
     size: [u16; 2],
     /// Side of a square [px].
@@ -39,7 +39,7 @@ impl Dots {
         Dots { size, side, nearest: vec![u16::MAX; is_point.len()] }
     }
 
-    /// Calls `draw` with the place of each pixel, row by row, that is nearer to this point than to all before.
+    /// Calls `draw` with the index of each pixel, row by row, that is nearer to this point than to all before.
     pub fn around(&mut self, pixel: [u16; 2], mut draw: impl FnMut(usize)) {
         let after = self.side / 2;
         for other in square(pixel, self.side - 1 - after, after, self.size) {

@@ -1,7 +1,7 @@
 //! `export.features`: 2D detections as a CSV table, in the form that `capture.detections` reads.
 //!
 //! Columns: `time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label`. A picture in which nothing was found is a
-//! row that ends after the camera, so that silence and absence stay apart. `sigma_px` is the root of the mean variance of both
+//! row that ends after the camera, which distinguishes it from a missing picture. `sigma_px` is the root of the mean variance of both
 //! coordinates, for people; the next columns are the whole covariance. `label` is empty where a point has none.
 
 use std::collections::BTreeSet;
@@ -20,13 +20,13 @@ ports! {
 
 figures! {
     "features": count, neither, "Features written";
-    "features.pictures": count, neither, "Messages of features that came, empty ones included";
-    "features.cameras": count, neither, "Cameras that features came of";
+        "features.pictures": count, neither, "Messages of features received, including empty ones";
+        "features.cameras": count, neither, "Cameras with features";
 }
 
 const HEADER: &str = "time_s,camera,x_px,y_px,sigma_px,area_px,peak,cxx_px2,cxy_px2,cyy_px2,label";
 
-/// The least that six decimals can say [px]; a reader refuses 0.
+/// The smallest value with six decimals [px]; a reader refuses 0.
 const SIGMA_FLOOR: f64 = 1e-6;
 
 /// Settings of [`ExportFeatures`].
@@ -95,7 +95,7 @@ impl ExportFeatures {
 impl Node for ExportFeatures {
     const TYPE: &'static str = "export.features";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes 2D detections into a CSV table that capture.detections reads";
+    const SUMMARY: &'static str = "Writes 2D detections to a CSV table that `capture.detections` reads";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportFeaturesSettings;
 

@@ -1,7 +1,7 @@
-//! A file of frames that is written while the run goes on, whatever its format, and holds what there was so far at any time.
+//! A file of frames of any format that is written during the run, and is complete at any time.
 //!
-//! Its columns are the points of the first seconds, ascending. A point that comes later takes a spare column; where there is none the file is made anew from itself,
-//! row by row, with more columns and spare ones, so that many new points need few such passes. At the end spare columns go, in one pass more.
+//! Its columns are the points of the first seconds, ascending. A later point takes a spare column; without a spare one the file is rewritten from itself,
+//! row by row, with more columns and spare ones, so that many new points need few such passes. At the end spare columns are removed in one more pass.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
@@ -12,14 +12,14 @@ use crate::gather::{Frame, Gather, Point};
 use crate::growing_file::GrowingFile;
 use crate::time_base::{Sample, TimeBase};
 
-/// Frames that are held back at first, until most points are known, in session time.
+/// Time in which frames wait until most points are known, in session time.
 const FIRST_FRAMES: Interval = Interval(2_000_000_000);
 /// Samples in them at most.
 const FIRST_SAMPLES: usize = 50_000;
 /// The most frames of a file: C3D counts them by a 32-bit float.
 const MOST_FRAMES: i64 = 1 << 24;
 
-/// What a file says of itself.
+/// Metadata of a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct About {
     /// Session time of the first frame [s].
@@ -27,21 +27,21 @@ pub(crate) struct About {
     pub(crate) rate_hz: f64,
 }
 
-/// Where the columns of a file come from when it is made anew.
+/// Sources of the columns of a rewritten file.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Columns {
     /// How many there were.
     pub(crate) n_before: usize,
-    /// For each new one the old one; `None`: all its points are missing.
+    /// The old column of each new one; `None`: all its points are missing.
     pub(crate) sources: Vec<Option<usize>>,
 }
 
 /// A format of frames in rows.
 pub(crate) trait Format {
-    /// How much room a head for these labels is to have, so that it keeps its length while frames are added and spare labels are taken.
+    /// Length of a head for these labels, which stays the same while frames are added and spare labels are used.
     fn room(&self, about: &About, labels: &[String]) -> usize;
 
-    /// All that stands before the rows, of one length for each number of frames as long as the labels fit in `room`.
+    /// Everything before the rows, of constant length for any number of frames as long as the labels fit in `room`.
     ///
     /// # Errors
     /// Why the format cannot hold it.
@@ -58,7 +58,7 @@ pub(crate) trait Format {
         false
     }
 
-    /// As [`Self::head`], of the finished file, when it is made anew.
+    /// As [`Self::head`], for the finished file when it is rewritten.
     fn last_head(&self, about: &About, labels: &[String], n_frames: usize) -> Result<Vec<u8>, String> {
         self.head(about, labels, n_frames, 0)
     }
@@ -68,7 +68,7 @@ pub(crate) trait Format {
         self.convert(columns, from, to)
     }
 
-    /// What stands behind the last row of a file of so many bytes.
+    /// Everything after the last row of a file of this many bytes.
     fn end(&self, n_bytes: u64, n_frames: usize) -> Vec<u8>;
 }
 
@@ -87,7 +87,7 @@ pub(crate) struct FrameFile<F> {
     head_bytes: usize,
     n_frames: i64,
     row: Vec<Option<Sample>>,
-    /// Why the file could not take further points, and how many samples that cost.
+    /// Why the file could not take further points, and how many samples were lost by it.
     refused: Option<(String, u64)>,
     /// Frames beyond the most that a file can have.
     n_beyond: u64,
@@ -156,7 +156,7 @@ impl<F: Format> FrameFile<F> {
         About { start_s: base.start.as_s() + start as f64 / base.rate_hz.max(f64::MIN_POSITIVE), rate_hz: base.rate_hz }
     }
 
-    /// Writes one frame, and empty ones for those that there were not.
+    /// Writes one frame, and empty ones for missing frames.
     fn put(&mut self, frame: &Frame, gather: &Gather) {
         let start = self.base.map_or(frame.tick, |it| it.1);
         let number = frame.tick - start;
@@ -215,7 +215,7 @@ impl<F: Format> FrameFile<F> {
         self.lay_out(points, n_spare, gather);
     }
 
-    /// Makes the file have these columns, and spare ones behind them. Where it cannot be it stays as it was.
+    /// Gives the file these columns, with spare ones after them. On failure it stays as it was.
     fn lay_out(&mut self, points: Vec<Point>, n_spare: usize, gather: &Gather) {
         let labels = points.iter().map(|it| gather.name(*it)).chain((1..=n_spare).map(|it| format!("unused-{it}")));
         let labels: Vec<String> = labels.collect();
@@ -254,7 +254,7 @@ impl<F: Format> FrameFile<F> {
         }
     }
 
-    /// The run is over. Figures are called `NAME.points` and `NAME.frames`.
+    /// Ends the file at the end of the run. Figures are called `NAME.points` and `NAME.frames`.
     ///
     /// # Errors
     /// The file could not be written, or not all of it: why, and where it is.
@@ -294,10 +294,7 @@ impl<F: Format> FrameFile<F> {
             match last {
                 Ok(last) => head = last,
                 Err(why) => {
-                    trouble = Some(format!(
-                        "{}: its last pass failed: {why}; columns that nothing uses are left in it",
-                        self.name
-                    ))
+                    trouble = Some(format!("{}: its last pass failed: {why}; unused columns remain in it", self.name))
                 }
             }
         }
@@ -309,7 +306,7 @@ impl<F: Format> FrameFile<F> {
             report.remark(format!("{}: {n} frames beyond the first {MOST_FRAMES} are left out", self.name));
         }
         let refused = self.refused.take().map(|(why, n)| {
-            format!("{} could not take points that came later, {n} samples of them are left out: {why}", self.name)
+            format!("{} has no room for later points, {n} samples of them are left out: {why}", self.name)
         });
         refused.or(trouble).map_or(Ok(()), |it| Err(NodeError::input(it)))
     }
@@ -474,7 +471,7 @@ mod tests {
         both.push(&message(300));
         let report = both.finish();
         check_points(folder.path(), [1, 3, 5, 7].into_iter(), 400, 0.001);
-        assert!(report.remarks.iter().all(|it| it.contains("samples were of an earlier time")), "{:?}", report.remarks);
+        assert!(report.remarks.iter().all(|it| it.contains("samples came after a later one")), "{:?}", report.remarks);
         assert_eq!(report.remarks.len(), 2);
     }
 

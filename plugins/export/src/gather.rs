@@ -1,4 +1,4 @@
-//! What the exports on one time base have in common: targets, marks and cameras of a run, in the world, at regular times.
+//! Shared by the exports on one time base: targets, marks and cameras of a run, in the world, at regular times.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,10 +21,10 @@ ports! {
     SPACES: In<ScaleSpace> = latest("spaces").many().optional();
 }
 
-/// An input that stands behind [`ports`] where poses of heads are exported too.
+/// An input after [`ports`] where poses of heads are exported too.
 pub(crate) const POSES: In<HeadPose> = In::each(4, "poses").many().optional();
 
-/// How long an input that has come to a halt holds up frames that others have samples for, in session time.
+/// How long a stalled input delays frames for which others have samples, in session time.
 const PATIENCE: Interval = Interval(5_000_000_000);
 
 /// Samples farther apart leave a hole [ms].
@@ -57,7 +57,7 @@ enum Body {
     Camera(CameraId),
 }
 
-/// What waits until the time base is known.
+/// An item that waits until the time base is known.
 #[derive(Debug, Clone)]
 enum Item {
     Point(Point, Sample),
@@ -79,7 +79,7 @@ pub(crate) struct Column {
 /// Poses by frame, `world_from_…`.
 pub(crate) type Poses = Vec<(usize, Isometry3<f64>)>;
 
-/// All that was gathered, frame by frame.
+/// All gathered samples, frame by frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Table {
     /// When frame 0 is.
@@ -102,7 +102,7 @@ impl Table {
         self.start.as_s() + frame as f64 / self.rate_hz
     }
 
-    /// Puts marks in their own space where they are in the world: between samples the two are interpolated each by itself, which is not quite the same.
+    /// Derives the marks in the world from their own space, so that both agree: each is interpolated by itself, which differs slightly.
     fn agree(&mut self) {
         for own in &mut self.own_marks {
             let Some(in_world) = self.points.iter().find(|it| it.mark == own.mark) else { continue };
@@ -146,22 +146,22 @@ pub(crate) struct Frame {
     pub(crate) points: Vec<(Point, Sample)>,
 }
 
-/// Gathers what comes in.
+/// Gathers samples from the inputs.
 pub(crate) struct Gather {
     spaces: Spaces,
     parent: Option<(ScaleId, String)>,
     order: [InOrder<Arc<Targets>>; 2],
     marks_order: InOrder<Arc<Marks>>,
-    /// Which of the targets, the parent's and the marks can come.
+    /// Whether targets, the parent's targets and marks can come.
     expected: [bool; 3],
-    /// Frames are taken as they are ready, and points in the world are all that is wanted.
+    /// Frames are taken as soon as they are ready, and only points in the world are needed.
     is_taken: bool,
     has_ended: bool,
     settling: Settling<(Time, Item)>,
     points: Tracks<Point, Sample>,
     bodies: Tracks<Body, Isometry3<f64>>,
     labels: BTreeMap<String, String>,
-    /// Samples of a scale whose place in the world was not known.
+    /// Samples of a scale whose pose in the world was unknown.
     without_place: u64,
     unit_is_known: bool,
 }
@@ -189,7 +189,7 @@ impl Gather {
         let needs_parent = setup.is_connected(&PARENT_TARGETS) && parent.is_some_and(moves);
         if (needs_own || needs_parent) && !setup.is_connected(&SPACES) {
             return Err(ConfigError::node(
-                "targets of a scale whose space moves have no place in the world without its anchors; found nothing at `spaces`, \
+                "targets of a moving scale have no place in the world without its anchors; found nothing at `spaces`, \
                  expected `anchor.space` of that scale and of those around it",
             ));
         }
@@ -211,7 +211,7 @@ impl Gather {
         })
     }
 
-    /// Takes what a turn is about.
+    /// Takes the messages of an activation.
     pub(crate) fn take(&mut self, io: &mut Io<'_>) {
         io.latest_of_each(&SPACES).for_each(|it| self.spaces.learn(it.value));
         while let Some(message) = io.take(&TARGETS) {
@@ -225,7 +225,7 @@ impl Gather {
         }
     }
 
-    /// For exports that take frames while the run goes on.
+    /// For exports that take frames during the run.
     pub(crate) fn taken_by_frame(mut self) -> Self {
         self.is_taken = true;
         self
@@ -239,7 +239,7 @@ impl Gather {
         }
     }
 
-    /// Takes the cameras' poses that a turn is about.
+    /// Takes the cameras' poses of an activation.
     pub(crate) fn take_poses(&mut self, io: &mut Io<'_>) {
         while let Some(message) = io.take(&POSES) {
             self.push_pose(&message.value);
@@ -278,7 +278,7 @@ impl Gather {
     }
 
     fn add_marks(&mut self, marks: &Marks) {
-        self.settling.hear(marks.time);
+        self.settling.observe(marks.time);
         let world_from_marks = UncertainPose { transform: marks.world_from_marks, covariance: marks.covariance };
         let mut is_any = false;
         for mark in &marks.list {
@@ -336,7 +336,7 @@ impl Gather {
         self.settling.base()
     }
 
-    /// The next frame with a point in it that nothing can change any more.
+    /// The next frame with a point in it that no later sample can change.
     pub(crate) fn next_frame(&mut self) -> Option<Frame> {
         let base = self.settling.base()?;
         if self.has_ended {
@@ -364,7 +364,7 @@ impl Gather {
         Some(slowest.map_or(newest - PATIENCE, |it| it.max(newest - PATIENCE)))
     }
 
-    /// The run is over: all frames that are left are ready. Says in the report what could not be used, and what `file` is to be read with care for.
+    /// The run is over: all remaining frames are ready. Reports unused samples and caveats of `file`.
     pub(crate) fn end(&mut self, file: &str, is_empty: bool, report: &mut Report) {
         self.settle();
         if let Some(base) = self.settling.base() {
@@ -376,7 +376,7 @@ impl Gather {
         self.remark(self.points.late(), file, is_empty, report);
     }
 
-    /// Takes in all that was held back.
+    /// Takes in all waiting items.
     fn settle(&mut self) -> TimeBase {
         let (mut targets, mut marks) = (Vec::new(), Vec::new());
         for (order, of_parent) in self.order.iter_mut().zip([false, true]) {
@@ -390,7 +390,7 @@ impl Gather {
         base
     }
 
-    /// What a point is called in files.
+    /// Name of a point in files.
     pub(crate) fn name(&self, point: Point) -> String {
         let name = match point {
             Point::Target(id) => format!("target-{}", id.0),
@@ -402,7 +402,7 @@ impl Gather {
         self.labels.get(&name).cloned().unwrap_or(name)
     }
 
-    /// All that was gathered. Says in the report what could not be used, and what `file` is to be read with care for.
+    /// All gathered samples. Reports unused samples and caveats of `file`.
     pub(crate) fn finish(mut self, file: &str, report: &mut Report) -> Table {
         let base = self.settle();
         self.points.close(&base);
@@ -448,19 +448,15 @@ impl Gather {
 
     fn remark(&self, late: u64, file: &str, is_empty: bool, report: &mut Report) {
         if late > 0 {
-            report.remark(format!(
-                "{file}: {late} samples were of an earlier time than one before them, and are left out"
-            ));
+            report.remark(format!("{file}: {late} samples came after a later one, and are left out"));
         }
         if self.without_place > 0 {
             let n = self.without_place;
-            report.remark(format!(
-                "{file}: {n} samples were of a scale whose place in the world was not known, and are left out"
-            ));
+            report.remark(format!("{file}: {n} samples of a scale with an unknown pose in the world are left out"));
         }
         if !self.unit_is_known && !is_empty {
             report.remark(format!(
-                "the lengths in {file} are in the calibration's own unit, which was never measured in metres"
+                "the lengths in {file} are in the calibration's own unit, whose length in metres is unknown"
             ));
         }
     }

@@ -1,7 +1,7 @@
 //! glTF in one binary file (GLB): nodes that move, a surface over marks, cameras.
 //!
-//! Source: *glTF 2.0 Specification*, The Khronos Group, 2021. All that moves hangs on one node that turns our axes (z up) into those of glTF (y up): below it every
-//! number is as in the world, in metres. A mesh that is moved by joints stands beside it, as the specification wants (section 3.7.3.3). Time 0 is the first frame.
+//! Source: *glTF 2.0 Specification*, The Khronos Group, 2021. All moving nodes have one root that rotates our axes (z up) into those of glTF (y up): below it every
+//! number is as in the world, in metres. A mesh that is moved by joints is next to it, as the specification requires (section 3.7.3.3). Time 0 is the first frame.
 
 mod node;
 mod of_motion;
@@ -42,7 +42,7 @@ pub(crate) use still::{cloud_glb, mesh_glb};
 
 use serde_json::{Value, json};
 
-/// A file that grows: what the JSON lists, and the bytes that it points at.
+/// A file under construction: the lists of the JSON, and the bytes that they refer to.
 #[derive(Debug, Default)]
 pub(crate) struct Glb {
     bytes: Vec<u8>,
@@ -60,7 +60,7 @@ pub(crate) struct Glb {
 /// (x, y, z) of ours is (x, z, −y) of glTF: a quarter turn about −x.
 pub(crate) const Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
-/// What a view is for.
+/// Purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Use {
     Vertices = 34962,
@@ -82,7 +82,7 @@ impl Glb {
         self.views.len() - 1
     }
 
-    /// Floats, `N` an element, with their bounds.
+    /// Floats, `N` per element, with their bounds.
     pub(crate) fn floats<const N: usize>(&mut self, values: &[[f32; N]], of: Use) -> usize {
         let kind = match N {
             1 => "SCALAR",
@@ -102,7 +102,7 @@ impl Glb {
         self.accessors.len() - 1
     }
 
-    /// Words, `N` an element.
+    /// Words, `N` per element.
     pub(crate) fn words<const N: usize>(&mut self, values: &[[u16; N]], of: Use) -> usize {
         let view = self.view(values.iter().flatten().flat_map(|it| it.to_le_bytes()), of);
         let kind = if N == 1 { "SCALAR" } else { "VEC4" };
@@ -133,10 +133,10 @@ impl Glb {
         self.channels.push(json!({ "sampler": self.samplers.len() - 1, "target": target }));
     }
 
-    /// The whole file, `roots` being the nodes that everything hangs on.
+    /// The whole file; `roots` are the root nodes.
     ///
     /// # Errors
-    /// How many bytes it would have, where that is more than its 32 bits can count.
+    /// Its number of bytes, where that exceeds 32 bits.
     pub(crate) fn finish(self, roots: &[usize], start_s: f64) -> Result<Vec<u8>, usize> {
         let mut document = json!({
             "asset": { "version": "2.0", "generator": "Foveate" },

@@ -1,8 +1,8 @@
-//! A file that is whole at any time while it grows: a head that is written anew, and rows behind it.
+//! A file that is complete at any time while it grows: a head that is rewritten, and rows after it.
 //!
-//! Rows wait in memory until they are written; then the head is written with what it must say now. Where writing fails (a full disk, a folder without
-//! permission) they go on waiting and each flush tries again; at the end, or when they become too many, the file moves to the system's folder
-//! for temporary files. What changes all rows makes a second file from the first one, row by row, which takes its place when it is whole.
+//! Rows wait in memory until they are written; then the head is rewritten to match. Where writing fails (a full disk, a folder without
+//! permission) they keep waiting and each flush tries again; at the end, or when they become too many, the file moves to the system's folder
+//! for temporary files. A change of all rows makes a second file from the first one, row by row, which replaces it when it is complete.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -15,9 +15,9 @@ use crate::row_file::create_new;
 
 /// Rows that may wait in memory before the file moves elsewhere [bytes].
 const WAITING_LIMIT: usize = 32 << 20;
-/// Rows are written when there are so many [bytes].
+/// Rows are written when they exceed this [bytes].
 const MUCH: usize = 1 << 20;
-/// Session time after which rows are written at the latest.
+/// Longest session time until rows are written.
 const FLUSH_PERIOD: Interval = Interval(1_000_000_000);
 
 /// A file with a head and rows.
@@ -30,7 +30,7 @@ pub(crate) struct GrowingFile {
     /// Rows that are not in the file yet.
     waiting: Vec<u8>,
     fault: Option<String>,
-    /// Where the file goes when it must.
+    /// Folder for the file where its own cannot be written.
     refuge_dir: PathBuf,
     refuge_name: String,
     last_flush: Option<Time>,
@@ -42,7 +42,7 @@ struct Open {
     path: PathBuf,
     file: File,
     head_bytes: u64,
-    /// Behind the head.
+    /// Length of everything after the head.
     row_bytes: u64,
     is_refuge: bool,
 }
@@ -67,17 +67,17 @@ impl GrowingFile {
         self.folder.is_some()
     }
 
-    /// Where rows are added; whole rows alone.
+    /// Buffer for new rows; only whole rows may be added.
     pub(crate) fn rows(&mut self) -> &mut Vec<u8> {
         &mut self.waiting
     }
 
-    /// Whether so much waits that it is to be written.
+    /// Whether so much is waiting that it should be written.
     pub(crate) fn is_much(&self) -> bool {
         self.waiting.len() >= MUCH && self.fault.is_none()
     }
 
-    /// Whether a second of session time has passed since the last flush, or much waits.
+    /// Whether a second of session time has passed since the last flush, or much is waiting.
     pub(crate) fn is_due(&mut self, now: Time) -> bool {
         let start = *self.last_flush.get_or_insert(now);
         let is_due = now - start >= FLUSH_PERIOD || self.is_much();
@@ -87,7 +87,7 @@ impl GrowingFile {
         is_due
     }
 
-    /// Writes what waits, then the head, which is as long as all before it.
+    /// Writes the waiting rows, then the head, which must keep its length.
     pub(crate) fn flush(&mut self, head: &[u8]) {
         if self.folder.is_none() {
             return self.waiting.clear();
@@ -126,7 +126,7 @@ impl GrowingFile {
         open.write_head(head)
     }
 
-    /// Makes the file anew: `head`, then what `convert` makes of the rows that there are.
+    /// Rewrites the file: `head`, then the rows converted by `convert`.
     ///
     /// # Errors
     /// A sentence; the file is as it was.
@@ -163,7 +163,7 @@ impl GrowingFile {
         Ok(())
     }
 
-    /// Moves the whole file to the folder for temporary files and goes on there.
+    /// Moves the whole file to the folder for temporary files and continues there.
     fn take_refuge(&mut self, head: &[u8]) -> Result<(), String> {
         let (path, mut file) = create_new(&self.refuge_dir, &self.refuge_name)?;
         let complain = |error: io::Error| format!("`{}`: {error}", path.display());
@@ -181,7 +181,7 @@ impl GrowingFile {
         Ok(())
     }
 
-    /// Writes all that waits and `end`, and names the file in the report.
+    /// Writes all waiting rows and `end`, and names the file in the report.
     ///
     /// # Errors
     /// The file could not be written: why, and where it is.
@@ -217,7 +217,7 @@ impl GrowingFile {
             _ => {
                 if self.fault.is_some() {
                     let wanted = wanted.display();
-                    report.remark(format!("`{wanted}` could not be written for a while ({why}); it is whole now"));
+                    report.remark(format!("`{wanted}` could not be written for a while ({why}); it is complete now"));
                 }
                 report.file(&self.name);
                 Ok(())
@@ -239,7 +239,7 @@ impl Open {
     }
 }
 
-/// A file under another name, which goes when it is not taken.
+/// A file under a temporary name, deleted unless it is taken.
 struct Partial {
     path: PathBuf,
     file: Option<File>,

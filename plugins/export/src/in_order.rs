@@ -1,21 +1,21 @@
-//! Messages in the order of their times, each time once: several may be of one time, each knowing more than the one before, and the last one counts.
+//! Messages sorted by time, one per time: of several messages of one time the last one is used.
 //!
-//! A message waits until one comes that is [`WAIT`] younger, so that what comes late finds its place; what is later still comes out at once.
+//! A message waits until one comes that is [`WAIT`] younger, so that late messages can be sorted in; an even later one is passed on at once.
 
 use std::collections::BTreeMap;
 
 use foveate::prelude::*;
 
-/// How much younger a message must be than one that is held back. Anchors of scales tell their last 256 poses, a quarter of a second of them at the highest rate
-/// that is usual (1000 Hz): what waits no longer than this still finds its own.
+/// How much younger the newest message must be than a waiting one. Anchors of scales keep their last 256 poses, a quarter of a second of them at the highest usual
+/// rate (1000 Hz): a message that waits no longer still finds its pose.
 pub(crate) const WAIT: Interval = Interval(100_000_000);
 
-/// Holds messages back until those before them have come.
+/// Holds messages until those before them have come.
 #[derive(Debug)]
 pub(crate) struct InOrder<T> {
     held: BTreeMap<Time, T>,
     newest: Option<Time>,
-    /// The last one that came out in order.
+    /// The last message that was passed on in order.
     reached: Option<Time>,
     late: u64,
 }
@@ -27,7 +27,7 @@ impl<T> Default for InOrder<T> {
 }
 
 impl<T> InOrder<T> {
-    /// Takes a message in; gives out those whose time is over. One that is too late comes out at once.
+    /// Takes a message in; passes on those whose waiting time is over. One that is too late is passed on at once.
     pub(crate) fn push(&mut self, time: Time, message: T, give: &mut impl FnMut(T)) {
         if self.reached.is_some_and(|it| time <= it) {
             self.late += 1;
@@ -42,7 +42,7 @@ impl<T> InOrder<T> {
         }
     }
 
-    /// Those that are still held, at the end.
+    /// Passes on the remaining messages, at the end.
     pub(crate) fn finish(&mut self, give: &mut impl FnMut(T)) {
         while let Some((time, message)) = self.held.pop_first() {
             self.reached = Some(time);
@@ -50,12 +50,12 @@ impl<T> InOrder<T> {
         }
     }
 
-    /// The time of the last one that came out in order.
+    /// The time of the last message that was passed on in order.
     pub(crate) fn reached(&self) -> Option<Time> {
         self.reached
     }
 
-    /// How many came too late for their place.
+    /// Number of messages that came too late.
     pub(crate) fn late(&self) -> u64 {
         self.late
     }

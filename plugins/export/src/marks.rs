@@ -1,8 +1,8 @@
 //! `export.marks`: the table of painted marks, one line for each mark and time.
 //!
 //! Columns: `time_s,mark,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`, `cameras` (names joined by
-//! `+`: those whose features entered), `provenance` (`measured`, `predicted`, `filled`): all in the space that the marks have of their own, a head's or a knee's; then
-//! `world_x_m` to `world_czz_m2`, the same in the world, with the uncertainty of that space's place.
+//! `+`: those whose features were used), `provenance` (`measured`, `predicted`, `filled`): all in the marks' own space, a head's or a knee's; then
+//! `world_x_m` to `world_czz_m2`, the same in the world, with the uncertainty of that space's pose.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -23,8 +23,8 @@ ports! {
 
 figures! {
     "marks": count, neither, "Different marks written";
-    "marks.samples": count, neither, "Rows written: a mark at a time each";
-    "marks.samples_filled": count, neither, "Of these, marks that a model filled in";
+        "marks.samples": count, neither, "Rows written, one per mark and time";
+        "marks.samples_filled": count, neither, "Rows of marks that a model filled in";
 }
 
 const HEADER: &str = "time_s,mark,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance,\
@@ -43,7 +43,7 @@ fn default_file() -> String {
     "marks.csv".to_owned()
 }
 
-/// Painted marks into a CSV file. Of several messages of one time the last one is written.
+/// Painted marks into a CSV file. Of several messages of one time, the last is written.
 pub struct ExportMarks {
     file: RowFile,
     order: InOrder<Arc<Marks>>,
@@ -86,7 +86,7 @@ impl Node for ExportMarks {
     const TYPE: &'static str = "export.marks";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Writes painted marks into a CSV table: in the head's space and in the world, covariance, cameras, how";
+        "Writes painted marks to a CSV table: scale and world coordinates, covariance, cameras";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportMarksSettings;
 
@@ -126,9 +126,7 @@ impl Node for ExportMarks {
         ready.iter().for_each(|it| self.write(it));
         if self.order.late() > 0 {
             let (name, n_late) = (&self.file_name, self.order.late());
-            report.remark(format!(
-                "{name}: {n_late} messages were of an earlier time than one before them; their rows stand out of order"
-            ));
+            report.remark(format!("{name}: {n_late} messages came after a later one; their rows are out of order"));
         }
         report.figure("marks", self.seen.len() as f64);
         report.figure("marks.samples", self.samples as f64);
@@ -136,7 +134,7 @@ impl Node for ExportMarks {
         if !self.unit_is_known && self.samples > 0 {
             let name = &self.file_name;
             report.remark(format!(
-                "the lengths in {name} are in the calibration's own unit, which was never measured in metres"
+                "the lengths in {name} are in the calibration's own unit, whose length in metres is unknown"
             ));
         }
         self.file.finish(report)

@@ -1,4 +1,4 @@
-//! `export.npy`: targets and marks as arrays for NumPy, on one time base, with all that is known of each sample.
+//! `export.npy`: targets and marks as arrays for NumPy, on one time base, with covariance, cameras and provenance of each sample.
 //!
 //! | array | shape | what |
 //! |---|---|---|
@@ -10,7 +10,7 @@
 //! | `cameras` | n × p × ⌈c / 8⌉ | bits: `numpy.unpackbits(cameras, axis=2, count=len(camera_names), bitorder="little")` |
 //! | `camera_names` | c | by number |
 //!
-//! With marks also, in the space that the marks have of their own (a head's): `mark_labels` (m), `marks_own_m` (n × m × 3), `marks_own_covariances_m2`
+//! With marks also, in the marks' own space (a head's): `mark_labels` (m), `marks_own_m` (n × m × 3), `marks_own_covariances_m2`
 //! (n × m × 3 × 3) and `world_from_marks` (n × 4 × 4).
 
 use std::collections::BTreeMap;
@@ -32,11 +32,11 @@ pub struct ExportNpySettings {
     /// Name of the file in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    /// Frame rate; 0: that of the marks where they are connected, 60 otherwise [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// Between two samples of a point that are farther apart it is missing [ms]
+    /// Longest gap between two samples of a point that is interpolated; in a longer one the point is missing [ms]
     #[serde(default = "default_gap_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub gap_ms: f64,
@@ -116,14 +116,13 @@ fn covariances(columns: &[Column], n_frames: usize) -> Vec<f32> {
 
 figures! {
     "npy.points": count, neither, "Targets and marks in the file";
-    "npy.frames": count, neither, "Frames in the file, those without any point included";
+    "npy.frames": count, neither, "Frames in the file, including those without any point";
 }
 
 impl Node for ExportNpy {
     const TYPE: &'static str = "export.npy";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras, how";
+    const SUMMARY: &'static str = "Writes targets and marks as NumPy arrays: times, positions, covariances, cameras";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportNpySettings;
 
@@ -162,7 +161,7 @@ impl Node for ExportNpy {
             Err(TooLong) => {
                 let (frames, points) = (table.n_frames, table.points.len());
                 Err(NodeError::input(format!(
-                    "{}: {frames} frames of {points} points take more than the 4 GiB that such a file can have",
+                    "{}: {frames} frames of {points} points exceed 4 GiB, the limit of such a file",
                     self.settings.file
                 )))
             }

@@ -1,8 +1,9 @@
-//! `export.overlay`: what a detector found, ringed in the picture in which it found it.
+//! `export.overlay`: the points that a detector found, ringed in their picture.
 //!
 //! Features come after the picture of the same stamp, so the pictures that are to be drawn are kept until then; at most
-//! four of them, so that a detector that leaves pictures out costs no memory. A picture whose features never come is not
-//! drawn, and the report counts it: without rings it would look as if nothing had been found.
+//! four of them, so that a detector that skips pictures costs no memory. A picture whose features never come is not
+//! drawn, and the report counts it: without rings it would look as if nothing had been found. Where any feature of a picture has a
+//! label, those without one (hair, rims of ears, shadows beside painted marks) are drawn as gray rings, under the others.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -26,8 +27,10 @@ ports! {
 const HELD: usize = 4;
 /// The folder within the results.
 const FOLDER: &str = "overlay";
-/// Magenta: hardly a light in a room has it.
+/// Magenta: rare among the lights of a room.
 const COLOUR: [u8; 3] = [255, 0, 255];
+/// Gray: features without a label, in a picture where others have one.
+const UNLABELLED: [u8; 3] = [150, 150, 150];
 /// Free space between a spot and its ring [px].
 const CLEARANCE: f64 = 4.0;
 
@@ -35,7 +38,7 @@ const CLEARANCE: f64 = 4.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExportOverlaySettings {
-    /// One picture of the camera in so many is drawn [–]
+    /// Every n-th picture of the camera is drawn [–]
     #[serde(default = "default_every_n")]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,
@@ -43,7 +46,7 @@ pub struct ExportOverlaySettings {
     #[serde(default = "default_max_pictures")]
     #[schemars(range(min = 1, max = 10000))]
     pub max_pictures: u64,
-    /// How many pixels wide and high each pixel becomes [–]
+    /// Each pixel is drawn as this many pixels in width and height [–]
     #[serde(default = "default_zoom")]
     #[schemars(range(min = 1, max = 8))]
     pub zoom: u32,
@@ -76,7 +79,7 @@ pub struct ExportOverlay {
     name: String,
     out_dir: Option<PathBuf>,
     held: VecDeque<(Stamp, Arc<Image>)>,
-    /// Features that came before their picture, as they may between threads.
+    /// Features that came before their picture, which threads allow.
     early: VecDeque<(Stamp, Arc<Features>)>,
     n_drawn: u64,
     n_unanswered: u64,
@@ -125,12 +128,16 @@ impl ExportOverlay {
         let Some(out_dir) = &self.out_dir else { return };
         let channels = image.format.channels();
         let mut canvas = Canvas::of(&image.pixels, image.width, channels, self.settings.zoom, self.settings.gain);
-        for feature in &features.list {
+        let mut ring = |feature: &Feature, colour: [u8; 3]| {
             let radius =
                 (f64::from(feature.area) / std::f64::consts::PI).sqrt() / f64::from(image.window.shrink.max(1));
             let centre = image.window.in_image(&feature.centre);
-            canvas.ring(centre.x, centre.y, radius + CLEARANCE, COLOUR);
-        }
+            canvas.ring(centre.x, centre.y, radius + CLEARANCE, colour);
+        };
+        let (labelled, unlabelled): (Vec<_>, Vec<_>) = features.list.iter().partition(|it| it.label.is_some());
+        let colour = if labelled.is_empty() { COLOUR } else { UNLABELLED };
+        unlabelled.into_iter().for_each(|it| ring(it, colour));
+        labelled.into_iter().for_each(|it| ring(it, COLOUR));
         let name = format!("{FOLDER}/{}_{:06}.png", self.name, stamp.sequence);
         let written = canvas
             .png()
@@ -150,8 +157,7 @@ impl ExportOverlay {
 impl Node for ExportOverlay {
     const TYPE: &'static str = "export.overlay";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes some pictures of a camera as PNG, with the points ringed that were found in them";
+    const SUMMARY: &'static str = "Writes camera pictures as PNG, detected points ringed (gray: no label)";
     type Settings = ExportOverlaySettings;
 
     fn ports() -> Ports {
@@ -194,7 +200,7 @@ impl Node for ExportOverlay {
         if n_unanswered > 0 {
             let pictures = if n_unanswered == 1 { "1 picture was" } else { &format!("{n_unanswered} pictures were") };
             report.remark(format!(
-                "{}: {pictures} not drawn: no features came for it, as while a scale waits for its target",
+                "{}: {pictures} not drawn: no features came for it, which is normal while a scale waits for its target",
                 self.instance
             ));
         }
@@ -222,14 +228,19 @@ mod tests {
     }
 
     fn found(points: &[(f64, f64)]) -> Arc<Features> {
-        let feature = |&(x, y): &(f64, f64)| Feature {
+        labelled(points, &[])
+    }
+
+    /// The first features have these labels, the others none.
+    fn labelled(points: &[(f64, f64)], labels: &[u32]) -> Arc<Features> {
+        let feature = |(at, &(x, y)): (usize, &(f64, f64))| Feature {
             centre: Point2::new(x, y),
             covariance: Matrix2::identity(),
             area: 9,
             peak: 99,
-            label: None,
+            label: labels.get(at).copied(),
         };
-        Arc::new(Features { camera: CameraId(0), list: points.iter().map(feature).collect() })
+        Arc::new(Features { camera: CameraId(0), list: points.iter().enumerate().map(feature).collect() })
     }
 
     struct Bench {
@@ -274,6 +285,28 @@ mod tests {
         let names: Vec<&str> = files.iter().map(|it| it.0.as_str()).collect();
         assert_eq!(names, [0, 3, 6].map(|it| format!("overlay/test.node_{it:06}.png")));
         assert!(files[0].1 == 0 && files[1].1 > 30 && files[2].1 == 0, "{files:?}");
+    }
+
+    #[test]
+    fn features_without_a_label_are_gray_only_beside_labelled_ones() {
+        let points = [(9.0, 15.0), (30.0, 15.0)];
+        let drawn = |labels: &[u32]| {
+            let mut bench = bench(settings(1, 1));
+            bench.node.take_image(stamp(0), picture());
+            bench.node.take_features(stamp(0), labelled(&points, labels));
+            let image = image::open(bench.folder.path().join("overlay/test.node_000000.png")).unwrap().into_rgb8();
+            // Pixels of a colour around each point; the picture is drawn at twice its size.
+            points.map(|(x, _)| {
+                let columns = (2.0 * x) as u32 - 16..(2.0 * x) as u32 + 18;
+                let count = |colour: [u8; 3]| {
+                    image.enumerate_pixels().filter(|(u, _, it)| columns.contains(u) && it.0 == colour).count()
+                };
+                [count(COLOUR) > 30, count(UNLABELLED) > 30]
+            })
+        };
+        assert_eq!(drawn(&[5]), [[true, false], [false, true]], "the first one has a label");
+        assert_eq!(drawn(&[5, 6]), [[true, false]; 2], "both have labels");
+        assert_eq!(drawn(&[]), [[true, false]; 2], "no feature has a label");
     }
 
     #[test]

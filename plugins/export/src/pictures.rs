@@ -1,4 +1,4 @@
-//! `export.pictures`: what was recovered, as figures: where each target went, when, and who saw it.
+//! `export.pictures`: figures of a run: the path of each target over time, and the cameras that saw it.
 //!
 //! | file | what it shows |
 //! |---|---|
@@ -7,7 +7,7 @@
 //! | `position_time.svg` | x, y and z over time with ±2σ; stretches without an observation are dashed, holes are open |
 //! | `cameras_time.svg` | how many cameras saw each target, over time |
 //!
-//! Where truth is connected it lies behind the paths in gray. Long runs are thinned, so that memory and files stay small.
+//! Ground truth, where it is connected, is drawn gray behind the paths. Long runs are thinned, so that memory and files stay small.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ ports! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExportPicturesSettings {
-    /// Put before the names of the files, for a second node of this type in one rig [–]
+    /// Prefix of the file names, for a second node of this type in one rig [–]
     #[serde(default)]
     pub prefix: String,
     /// A sample is drawn as measured when an observation of its target is at most this old, as predicted otherwise [ms]
@@ -43,7 +43,7 @@ fn default_measured_within_ms() -> f64 {
     100.0
 }
 
-/// Targets, and truth where there is one, into four SVG files.
+/// Targets, and ground truth where it is connected, into four SVG files.
 pub struct ExportPictures {
     targets: Paths,
     truth: Paths,
@@ -106,7 +106,7 @@ impl ExportPictures {
 impl Node for ExportPictures {
     const TYPE: &'static str = "export.pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws where targets went, when, and how many cameras saw them, as SVG figures";
+    const SUMMARY: &'static str = "Draws the paths of targets, and how many cameras saw them over time (SVG)";
     type Settings = ExportPicturesSettings;
 
     fn ports() -> Ports {

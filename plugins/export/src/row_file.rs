@@ -1,6 +1,6 @@
-//! A file of rows that nothing on the way to the disk can lose.
+//! A file of rows whose writing loses no row.
 //!
-//! Rows wait in memory until they are written. Where writing fails (a full disk, a folder without permission) they go on
+//! Rows wait in memory until they are written. Where writing fails (a full disk, a folder without permission) they keep
 //! waiting and each flush tries again; at the end, or when they become too many, the whole table moves to the system's folder
 //! for temporary files.
 
@@ -14,9 +14,9 @@ use crate::csv::file_part;
 
 /// Rows that may wait in memory before the table moves elsewhere [bytes].
 const WAITING_LIMIT: usize = 64 << 20;
-/// Files of one name that are tried in the folder for temporary files.
+/// Attempted numbers for one name in the folder for temporary files.
 const REFUGE_TRIES: u32 = 1000;
-/// Session time after which rows are written at the latest.
+/// Longest session time until rows are written.
 const FLUSH_PERIOD: Interval = Interval(1_000_000_000);
 
 /// A file of rows.
@@ -30,7 +30,7 @@ pub(crate) struct RowFile {
     written: u64,
     fault: Option<String>,
     refuge: Option<PathBuf>,
-    /// Where the table goes when it must.
+    /// Folder for the table where its own cannot be written.
     refuge_dir: PathBuf,
     refuge_name: String,
     last_flush: Option<Time>,
@@ -59,7 +59,7 @@ impl RowFile {
         }
     }
 
-    /// Writes what waits when a second of session time has passed, or when it is much.
+    /// Writes the waiting rows when a second of session time has passed, or when they are many.
     pub(crate) fn flush_when_due(&mut self, now: Time) {
         let start = *self.last_flush.get_or_insert(now);
         let is_much = self.waiting.len() >= 1 << 16 && self.fault.is_none();
@@ -80,7 +80,7 @@ impl RowFile {
         }
     }
 
-    /// Moves the whole table to the folder for temporary files and goes on there.
+    /// Moves the whole table to the folder for temporary files and continues there.
     fn take_refuge(&mut self) -> Result<(), String> {
         let Some(from) = self.path.clone() else { return Ok(()) };
         let (to, mut file) = create_new(&self.refuge_dir, &self.refuge_name)?;
@@ -118,7 +118,7 @@ impl RowFile {
         if is_whole {
             if self.fault.is_some() {
                 report.remark(format!(
-                    "`{}` could not be written for a while ({why}); it is whole now",
+                    "`{}` could not be written for a while ({why}); it is complete now",
                     wanted.display()
                 ));
             }
@@ -137,7 +137,7 @@ impl RowFile {
     }
 }
 
-/// Writes as much of `waiting` as goes, and takes that much off it.
+/// Writes as much of `waiting` as possible, and removes that from it.
 fn write_out(file: &mut Option<File>, path: &Path, waiting: &mut Vec<u8>, written: &mut u64) -> io::Result<()> {
     let open = match file {
         Some(open) => open,
@@ -158,7 +158,7 @@ fn write_out(file: &mut Option<File>, path: &Path, waiting: &mut Vec<u8>, writte
     result
 }
 
-/// A file that was not there before, `name` with a number in front where it is taken.
+/// Creates a new file `name`, with a number in front where the name is taken.
 pub(crate) fn create_new(folder: &Path, name: &str) -> Result<(PathBuf, File), String> {
     for number in 0..REFUGE_TRIES {
         let path = folder.join(if number == 0 { name.to_owned() } else { format!("{number}-{name}") });
@@ -188,7 +188,7 @@ pub(crate) fn write_pictures(
     if faults.is_empty() { Ok(()) } else { Err(NodeError::input(faults.join("; "))) }
 }
 
-/// Writes a small file whole or not at all, and names it in the report; nothing where the run keeps no results.
+/// Writes a small file completely or not at all, and names it in the report; does nothing where the run keeps no results.
 ///
 /// # Errors
 /// The file and the reason.

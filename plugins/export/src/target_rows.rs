@@ -4,14 +4,14 @@
 //!
 //! | here | formula | unit |
 //! |---|---|---|
-//! | position, where u − t is no more than `carried_at_most` | (1 − w) p + w q, as all other exports have it | m |
+//! | position, where u − t is no more than `carried_at_most` | (1 − w) p + w q, as in all other exports | m |
 //! | covariance | (1 − w) P + w Q | m² |
 //! | position, where no sample follows, or too late | p + v dt, for as long as `carried_at_most` | m |
 //! | covariance | Ppp + (Ppv + Ppvᵀ) dt + Pvv dt² | m² |
-//! | how | measured, where an observation lies at most `measured_within` before T | – |
-//! | cameras | all that observed it within `measured_within` before T | – |
+//! | provenance | measured, where an observation lies at most `measured_within` before T | – |
+//! | cameras | all cameras that observed it within `measured_within` before T | – |
 //!
-//! A target that a later message does not name is carried no further than to the time of that message. No noise of the motion is added over dt.
+//! A target that is missing in a later message is extrapolated no further than to the time of that message. No process noise is added over dt.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -30,9 +30,9 @@ pub(crate) struct Row {
     pub(crate) id: TargetId,
     /// [m]
     pub(crate) position: Point3<f64>,
-    /// Of the position [m²].
+    /// Covariance of the position [m²].
     pub(crate) covariance: Matrix3<f64>,
-    /// The same in the world; `None`: not asked for, or not known.
+    /// The same in the world; `None`: not requested, or unknown.
     pub(crate) world: Option<Place>,
     pub(crate) cameras: CameraSet,
     pub(crate) provenance: Provenance,
@@ -67,12 +67,12 @@ impl Row {
     }
 }
 
-/// Between two places, `share` of the way.
+/// Interpolation between two places at `share`.
 fn between(a: Place, b: Place, share: f64) -> Place {
     (a.0 + (b.0 - a.0) * share, a.1 * (1.0 - share) + b.1 * share)
 }
 
-/// Takes a place of a time to the world.
+/// Transforms a place at a time to the world.
 pub(crate) type ToWorld<'a> = &'a dyn Fn(Time, &Place) -> Option<Place>;
 
 /// A sample of one target.
@@ -81,7 +81,7 @@ struct Timed {
     time: Time,
     target: Target,
     world: Option<Place>,
-    /// When the first message after it came that does not name the target.
+    /// Time of the first later message without the target.
     gone: Option<Time>,
 }
 
@@ -96,12 +96,12 @@ struct Live {
 #[derive(Debug)]
 pub(crate) struct Clock {
     base: TimeBase,
-    /// How old an observation may be that makes a row a measured one.
+    /// Largest age of an observation for a measured row.
     measured_within: Interval,
-    /// How old a sample may be that still gives a row, and how far apart two are between which rows are interpolated.
+    /// Largest age of a sample that still gives a row, and largest gap that is interpolated.
     carried_at_most: Interval,
     next_tick: Option<i64>,
-    /// The last message.
+    /// Time of the last message.
     reached: Time,
     has_ended: bool,
     live: BTreeMap<TargetId, Live>,
@@ -120,7 +120,7 @@ impl Clock {
         }
     }
 
-    /// Takes in the last message of a time; calls `give` with the rows of the ticks that it decides.
+    /// Takes in the last message of a time; calls `give` with the rows of the ticks that are now decided.
     pub(crate) fn push(&mut self, message: &Targets, to_world: ToWorld, give: &mut impl FnMut(Row)) {
         let time = message.time;
         match self.next_tick {
@@ -151,7 +151,7 @@ impl Clock {
         self.tick(to_world, give);
     }
 
-    /// All ticks up to the last message that no later one can change.
+    /// All ticks up to the last message that no later message can change.
     fn tick(&mut self, to_world: ToWorld, give: &mut impl FnMut(Row)) {
         let Some(mut tick) = self.next_tick else { return };
         loop {

@@ -1,9 +1,9 @@
-//! `export.targets`: the table of all that was recovered, one line for each target and time.
+//! `export.targets`: the table of targets, one line for each target and time.
 //!
 //! Columns: `time_s,target,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`,
-//! `cameras` (names joined by `+`: those whose observations entered) and `provenance` (`measured`, `predicted`, `filled`). All in the scale's own
-//! space; in a scale whose space moves, with its anchors at `spaces`, `world_x_m` to `world_czz_m2` follow, the same in the world, empty where the
-//! anchors do not know it.
+//! `cameras` (names joined by `+`: those whose observations were used) and `provenance` (`measured`, `predicted`, `filled`). All in the scale's own
+//! space; for a moving scale with its anchors at `spaces`, `world_x_m` to `world_czz_m2` follow, the same in the world, empty where the
+//! pose is unknown.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -27,16 +27,16 @@ ports! {
 
 figures! {
     "targets": count, neither, "Different targets written";
-    "samples": count, neither, "Rows written: a target at a time each";
-    "samples_predicted": count, low, "Of these, targets that were extrapolated";
-    "samples_filled": count, neither, "Of these, targets that a model filled in";
-    "path_length_m": m, neither, "Length of the ways of all targets, row by row; none where the calibration's unit is not known in metres";
+        "samples": count, neither, "Rows written, one per target and time";
+        "samples_predicted": count, low, "Rows of extrapolated targets";
+        "samples_filled": count, neither, "Rows of targets that a model filled in";
+    "path_length_m": m, neither, "Total length of all targets' paths, row by row; missing where the calibration's unit is unknown";
     "duration_s": s, neither, "From the earliest to the latest row";
 }
 
 const HEADER: &str = "time_s,target,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,cameras,provenance";
 
-/// What is added to [`HEADER`] where the scale's space moves and its anchors are connected.
+/// Added to [`HEADER`] where the scale moves and its anchors are connected.
 const WORLD_HEADER: &str =
     ",world_x_m,world_y_m,world_z_m,world_cxx_m2,world_cxy_m2,world_cxz_m2,world_cyy_m2,world_cyz_m2,world_czz_m2";
 /// Its columns, left empty.
@@ -49,8 +49,8 @@ pub struct ExportTargetsSettings {
     /// Name of the table in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Rows a second on a regular clock, interpolated between samples and after the last one extrapolated by its velocity; 0: a row for each time
-    /// that there is [Hz]
+    /// Rate of rows on a regular clock, interpolated between samples and extrapolated by velocity after the last one; 0: a row for each time
+    /// of the samples [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
@@ -58,8 +58,8 @@ pub struct ExportTargetsSettings {
     #[serde(default = "default_measured_within_ms")]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub measured_within_ms: f64,
-    /// With `rate_hz`: a sample gives rows for at most this long; between two that are farther apart rows are not interpolated, and without newer ones
-    /// they stop [ms]
+    /// With `rate_hz`: longest extrapolation of a sample, and longest gap that is interpolated; without newer samples
+    /// the rows stop [ms]
     #[serde(default = "default_carried_at_most_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub carried_at_most_ms: f64,
@@ -77,7 +77,7 @@ fn default_carried_at_most_ms() -> f64 {
     500.0
 }
 
-/// Targets into a CSV file. Of several messages of one time the last one is written.
+/// Targets into a CSV file. Of several messages of one time, the last is written.
 pub struct ExportTargets {
     file: RowFile,
     order: InOrder<Arc<Targets>>,
@@ -88,16 +88,16 @@ pub struct ExportTargets {
     unit_is_known: bool,
 }
 
-/// What the rows add up to.
+/// Totals of the rows.
 #[derive(Debug, Default)]
 struct Table {
     cameras: Vec<String>,
-    /// Where the scale's space moves: where it is.
+    /// Pose of the scale's space over time, where it moves.
     spaces: Option<Spaces>,
     samples: u64,
     predicted: u64,
     filled: u64,
-    /// Where each target was last [m].
+    /// Last position of each target [m].
     places: BTreeMap<TargetId, Point3<f64>>,
     path_length: f64,
     span: Option<(Time, Time)>,
@@ -178,7 +178,7 @@ impl ExportTargets {
     }
 }
 
-/// `None`: the scale's space is the world, or nothing is known of it then.
+/// `None`: the scale's space is the world, or its pose at that time is unknown.
 fn to_world(spaces: Option<&Spaces>, time: Time, (position, covariance): &Place) -> Option<Place> {
     Some(spaces?.world_from_own(time).ok()?.transform_point(position, covariance))
 }
@@ -186,7 +186,7 @@ fn to_world(spaces: Option<&Spaces>, time: Time, (position, covariance): &Place)
 impl Node for ExportTargets {
     const TYPE: &'static str = "export.targets";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets into a CSV table: time, position, covariance, cameras, how";
+    const SUMMARY: &'static str = "Writes targets to a CSV table: time, position, covariance, cameras, provenance";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTargetsSettings;
 
@@ -203,8 +203,8 @@ impl Node for ExportTargets {
         let [measured_within, carried_at_most] =
             [settings.measured_within_ms, settings.carried_at_most_ms].map(Interval::from_ms);
         let clock = (settings.rate_hz > 0.0).then(|| Clock::new(settings.rate_hz, measured_within, carried_at_most));
-        let is_told = setup.is_connected(&SPACES);
-        let spaces = is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving);
+        let has_spaces = setup.is_connected(&SPACES);
+        let spaces = has_spaces.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving);
         let header = if spaces.is_some() { format!("{HEADER}{WORLD_HEADER}") } else { HEADER.to_owned() };
         Ok(Self {
             file: RowFile::new(setup, &settings.file, &header),
@@ -249,14 +249,12 @@ impl Node for ExportTargets {
         let name = &self.file_name;
         if !self.unit_is_known && table.samples > 0 {
             report.remark(format!(
-                "the lengths in {name} are in the calibration's own unit, which was never measured in metres"
+                "the lengths in {name} are in the calibration's own unit, whose length in metres is unknown"
             ));
         }
         if self.order.late() > 0 {
             let n_late = self.order.late();
-            report.remark(format!(
-                "{name}: {n_late} messages were of an earlier time than one before them; their rows stand out of order"
-            ));
+            report.remark(format!("{name}: {n_late} messages came after a later one; their rows are out of order"));
         }
         self.file.finish(report)
     }

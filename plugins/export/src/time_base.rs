@@ -1,16 +1,16 @@
-//! Samples of any times on one regular time base.
+//! Samples of arbitrary times on one regular time base.
 //!
 //! Tick k lies at start + k / rate. Between two samples that are at most `gap` apart, a tick at the share w of the way gets
 //!
 //! | here | formula | unit |
 //! |---|---|---|
 //! | position | (1 − w) p₀ + w p₁ | m |
-//! | covariance | (1 − w) P₀ + w P₁: no less than that of the position, however the errors of the two go together | m² |
+//! | covariance | (1 − w) P₀ + w P₁: no less than that of the position for any correlation of the two errors | m² |
 //! | cameras | those of both | – |
-//! | how | filled where one of them is filled, measured otherwise | – |
+//! | provenance | filled where one of them is filled, measured otherwise | – |
 //!
-//! A tick on a sample gets that sample; all others get nothing. What a motion model alone predicted is not data and makes no tick present. Between two samples that are
-//! data, though, the way leads through the places that were predicted there: then a place that any file names for a time is that of all files.
+//! A tick on a sample gets that sample; all others are empty. Samples predicted by a motion model are not data and fill no tick. Between two samples that are
+//! data, however, the path runs through the predicted positions, so that all files agree on the position at a time.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -44,18 +44,18 @@ impl TimeBase {
     }
 }
 
-/// What can be told between two samples.
+/// Values that can be interpolated between two samples.
 pub(crate) trait Between: Clone {
-    /// At `share` of the way from `self` to `other`, 0 to 1.
+    /// The value at `share` of the way from `self` to `other`, 0 to 1.
     fn between(&self, other: &Self, share: f64) -> Self;
 
-    /// This place on the way from one datum to the next, with all else that is known of it from the two.
+    /// This position between two data, with all other values interpolated from the two.
     fn on_the_way(self, _before: &Self, _after: &Self) -> Self {
         self
     }
 }
 
-/// What is known of a point at one time: small, for all samples of a run are kept.
+/// A point at one time: small, because all samples of a run are kept.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Sample {
     /// [m]
@@ -123,12 +123,12 @@ impl Between for Isometry3<f64> {
 /// Tick and value, ascending.
 pub(crate) type Ticks<T> = Vec<(i64, T)>;
 
-/// What is known of one thing on the time base so far.
+/// State of one object on the time base.
 #[derive(Debug, Clone)]
 pub(crate) struct Track<T> {
     /// The last datum.
     last: Option<(Time, T)>,
-    /// What was predicted since.
+    /// Predicted samples since then.
     since: Vec<(Time, T)>,
     ticks: VecDeque<(i64, T)>,
 }
@@ -140,7 +140,7 @@ impl<T> Default for Track<T> {
 }
 
 impl<T: Between> Track<T> {
-    /// Takes a sample that is data; of several of one time the last one counts. `false`: it is of an earlier time than one before it, and left out.
+    /// Takes a sample that is data; of several of one time the last one counts. `false`: it is older than the sample before it, and left out.
     fn push(&mut self, base: &TimeBase, gap: Interval, time: Time, value: T) -> bool {
         match self.last.take() {
             Some((before, last)) if time < before => {
@@ -161,7 +161,7 @@ impl<T: Between> Track<T> {
         true
     }
 
-    /// Takes a place that a motion model predicted.
+    /// Takes a position that a motion model predicted.
     fn push_predicted(&mut self, gap: Interval, time: Time, value: T) {
         let Some((before, _)) = self.last else { return };
         let newest = self.since.last().map_or(before, |it| it.0);
@@ -173,7 +173,7 @@ impl<T: Between> Track<T> {
         self.since.push((time, value));
     }
 
-    /// The ticks from one datum to the next, but for those on the latter.
+    /// The ticks from one datum to the next, without those on the latter.
     fn fill(&mut self, base: &TimeBase, first: (Time, &T), last: (Time, &T)) {
         let since = std::mem::take(&mut self.since);
         let n_before = since.partition_point(|it| it.0 < last.0);
@@ -194,7 +194,7 @@ impl<T: Between> Track<T> {
         self.since = since;
     }
 
-    /// A sample that nothing follows.
+    /// Ends with a sample that has no successor.
     fn close(&mut self, base: &TimeBase, time: Time, last: T) {
         let tick = base.first_from(time);
         if base.at(tick) - time <= ON_TICK {
@@ -212,14 +212,14 @@ impl<T: Between> Track<T> {
 
 /// Times that the period is found from, where no rate is given.
 const TIMES_FOR_RATE: usize = 32;
-/// Samples that wait for the rate at most.
+/// Most samples that wait for the rate.
 const MOST_WAITING: usize = 1 << 20;
-/// As long they wait at most.
+/// Longest time that they wait.
 const LONGEST_WAIT: Interval = Interval(60_000_000_000);
-/// The rate where nothing tells one [Hz].
+/// The rate where it cannot be inferred [Hz].
 pub(crate) const DEFAULT_RATE_HZ: f64 = 60.0;
 
-/// Things of any kind on one time base, whose rate may be told by the times of one of them.
+/// Objects of any kind on one time base, whose rate may be inferred from the times of one of them.
 #[derive(Debug, Clone)]
 pub(crate) struct Tracks<K, T> {
     gap: Interval,
@@ -239,7 +239,7 @@ impl<K: Ord + Copy, T: Between> Tracks<K, T> {
         self.late += u64::from(!is_taken);
     }
 
-    /// Takes a place that a motion model predicted.
+    /// Takes a position that a motion model predicted.
     pub(crate) fn push_predicted(&mut self, key: K, time: Time, value: T) {
         if let Some(track) = self.all.get_mut(&key) {
             track.push_predicted(self.gap, time, value);
@@ -251,7 +251,7 @@ impl<K: Ord + Copy, T: Between> Tracks<K, T> {
         self.late
     }
 
-    /// How far apart two samples may be.
+    /// Largest gap between two samples.
     pub(crate) fn gap(&self) -> Interval {
         self.gap
     }
@@ -268,7 +268,7 @@ impl<K: Ord + Copy, T: Between> Tracks<K, T> {
         all.values().filter_map(|it| it.ticks.front()).map(|it| it.0).min()
     }
 
-    /// Takes what lies on a tick, ascending by key; all before it is gone.
+    /// Takes the values on a tick, ascending by key; all earlier ones are dropped.
     pub(crate) fn take_tick(&mut self, tick: i64, mut give: impl FnMut(K, T)) {
         for (key, track) in &mut self.all {
             if track.ticks.front().is_some_and(|it| it.0 == tick)
@@ -280,7 +280,7 @@ impl<K: Ord + Copy, T: Between> Tracks<K, T> {
         self.next = self.next.max(tick + 1);
     }
 
-    /// Ends what nothing can follow any more within the gap, given that all samples up to `time` have come, and forgets it once its ticks are taken.
+    /// Ends objects that cannot be continued within the gap, given that all samples up to `time` have come, and drops them once their ticks are taken.
     pub(crate) fn forget(&mut self, base: &TimeBase, time: Time) {
         let gap = self.gap;
         self.all.retain(|_, track| {
@@ -309,26 +309,26 @@ impl<K: Ord + Copy, T: Between> Tracks<K, T> {
     }
 }
 
-/// Finds the time base, and holds back what comes before it is known.
+/// Finds the time base, and holds items until it is known.
 #[derive(Debug, Clone)]
 pub(crate) struct Settling<I> {
     base: Option<TimeBase>,
     times: Vec<Time>,
     waiting: Vec<I>,
-    /// Of the first thing that waits.
+    /// Time of the first waiting item.
     since: Option<Time>,
 }
 
 impl<I> Settling<I> {
-    /// At `rate_hz`; where it is 0 at the rate of the times that it is told of, if it `hears` any.
-    pub(crate) fn new(rate_hz: f64, hears: bool) -> Self {
-        let rate_hz = if rate_hz > 0.0 || hears { rate_hz } else { DEFAULT_RATE_HZ };
+    /// At `rate_hz`; where it is 0, at the rate of the observed times, if `observes` is set.
+    pub(crate) fn new(rate_hz: f64, observes: bool) -> Self {
+        let rate_hz = if rate_hz > 0.0 || observes { rate_hz } else { DEFAULT_RATE_HZ };
         let base = (rate_hz > 0.0).then_some(TimeBase { start: Time::ZERO, rate_hz });
         Self { base, times: Vec::new(), waiting: Vec::new(), since: None }
     }
 
-    /// Hears of a time that may tell the rate.
-    pub(crate) fn hear(&mut self, time: Time) {
+    /// Observes a time for the rate.
+    pub(crate) fn observe(&mut self, time: Time) {
         if self.base.is_none() && self.times.last().is_none_or(|it| *it < time) {
             self.times.push(time);
             if self.times.len() >= TIMES_FOR_RATE {
@@ -342,7 +342,7 @@ impl<I> Settling<I> {
         self.base
     }
 
-    /// Holds back `item` of a time until the base is known.
+    /// Holds `item` of a time until the base is known.
     pub(crate) fn hold(&mut self, time: Time, item: I) {
         let since = *self.since.get_or_insert(time);
         self.waiting.push(item);
@@ -351,12 +351,12 @@ impl<I> Settling<I> {
         }
     }
 
-    /// What was held back.
+    /// The held items.
     pub(crate) fn release(&mut self) -> Vec<I> {
         std::mem::take(&mut self.waiting)
     }
 
-    /// From what was heard so far: the median period, to a thousandth of a hertz.
+    /// From the observed times: the median period, to a thousandth of a hertz.
     pub(crate) fn settle(&mut self) -> TimeBase {
         *self.base.get_or_insert_with(|| {
             let mut periods: Vec<Interval> = self.times.windows(2).map(|it| it[1] - it[0]).collect();
@@ -487,14 +487,14 @@ mod tests {
     #[test]
     fn rate_is_that_of_what_is_heard() {
         let mut settling = Settling::<()>::new(0.0, true);
-        (0..TIMES_FOR_RATE as i64).for_each(|it| settling.hear(Time(5_000_000 + it * 33_366_667 + it % 3 * 1000)));
+        (0..TIMES_FOR_RATE as i64).for_each(|it| settling.observe(Time(5_000_000 + it * 33_366_667 + it % 3 * 1000)));
         let base = settling.base().unwrap();
         assert!((base.rate_hz - 29.97).abs() < 0.002, "{base:?}");
         assert_eq!(base.start, Time(5_000_000));
         assert_eq!(Settling::<()>::new(0.0, false).base().unwrap().rate_hz, DEFAULT_RATE_HZ);
         assert_eq!(Settling::<()>::new(25.0, true).base().unwrap().rate_hz, 25.0);
         let mut silent = Settling::<()>::new(0.0, true);
-        silent.hear(Time(3));
+        silent.observe(Time(3));
         assert_eq!(silent.settle(), TimeBase { start: Time::ZERO, rate_hz: DEFAULT_RATE_HZ });
     }
 

@@ -1,4 +1,4 @@
-//! Where each target has been, in bounded memory: when a track grows too long, every second sample goes.
+//! The path of each target in bounded memory: when a track grows too long, every second sample is dropped.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use foveate::prelude::*;
 const TRACK_LIMIT: usize = 20_000;
 /// Samples of all tracks: about 25 MB.
 const TOTAL_LIMIT: usize = 400_000;
-/// Tracks; the shortest that is over makes room.
+/// Tracks; the shortest ended one is dropped to make room.
 const TRACKS_LIMIT: usize = 512;
 
 /// One kept sample.
@@ -19,9 +19,9 @@ pub(crate) struct Sample {
     pub(crate) position: [f32; 3],
     /// Standard deviations [m].
     pub(crate) sigma: [f32; 3],
-    /// Cameras that observed it since the sample before; bit 127 stands for all from 127 on.
+    /// Cameras that observed it since the sample before; bit 127 is set for all cameras from 127 on.
     pub(crate) cameras: u128,
-    /// An observation lies close enough before it.
+    /// Whether an observation is recent enough.
     pub(crate) measured: bool,
 }
 
@@ -29,7 +29,7 @@ pub(crate) struct Sample {
 #[derive(Debug, Default)]
 pub(crate) struct Track {
     pub(crate) samples: Vec<Sample>,
-    /// One sample in so many is kept.
+    /// Every n-th sample is kept.
     stride: u64,
     /// Samples seen, kept or not.
     pub(crate) n_seen: u64,
@@ -78,7 +78,7 @@ impl History {
         self.n_samples = self.tracks.values().map(|it| it.samples.len()).sum();
     }
 
-    /// Drops the track of fewest samples, of those that are over if there are such.
+    /// Drops the track with the fewest samples, preferably an ended one.
     fn make_room(&mut self, now: Time) {
         let shortest = self.tracks.iter().min_by_key(|(_, it)| (it.last_seen + Interval::from_s(1.0) > now, it.n_seen));
         if let Some(id) = shortest.map(|(id, _)| *id)
@@ -125,7 +125,7 @@ impl Track {
         }
     }
 
-    /// Keeps every second sample; their cameras count for those that go.
+    /// Keeps every second sample; the cameras of dropped ones are added to the next.
     fn thin(&mut self) {
         self.stride = self.stride.max(1) * 2;
         let kept = self.samples.len().div_ceil(2);
@@ -137,7 +137,7 @@ impl Track {
         self.samples.truncate(kept);
     }
 
-    /// The step between samples that is usual for this track [s].
+    /// The usual step between samples of this track [s].
     fn usual_step_s(&self) -> f64 {
         let mut steps: Vec<f64> = self.samples.windows(2).map(|it| it[1].time_s - it[0].time_s).collect();
         if steps.is_empty() {

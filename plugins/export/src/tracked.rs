@@ -1,14 +1,14 @@
-//! `export.tracked`: the table of points of a surface that are followed without markers, one line for each point and time, and one where a trajectory ends.
+//! `export.tracked`: the table of surface points tracked without markers, one line for each point and time, and one for each end of a trajectory.
 //!
 //! Columns: `time_s,point,x_m,y_m,z_m`, the upper triangle of the position's covariance `cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2`, velocity over the last step `vx_m_s,vy_m_s,vz_m_s`, acceleration over
-//! the last two `ax_m_s2,ay_m_s2,az_m_s2`, the normal `nx,ny,nz`, `cameras` (names joined by `+`), `provenance`, `n_samples` and `state`. All in the scale's own space. What is not known is empty: the
+//! the last two `ax_m_s2,ay_m_s2,az_m_s2`, the normal `nx,ny,nz`, `cameras` (names joined by `+`), `provenance`, `n_samples` and `state`. All in the scale's own space. Unknown values are empty: the
 //! velocity of a point without a step before, the acceleration without two, the normal where none was measured.
 //!
 //! | `state` | the line |
 //! |---|---|
 //! | `new` | the first sample of a point |
 //! | `followed` | a later one |
-//! | `lost`, `disagreed`, `too_fast`, `too_abrupt`, `not_uniform`, `merged`, `alone`, `crept` | the trajectory has no sample at this time and ended before, for that reason ([`TrajectoryEnd`]); all from `x_m` to `n_samples` is empty. One that was lost may go on later, under the same identity |
+//! | `lost`, `disagreed`, `too_fast`, `too_abrupt`, `not_uniform`, `merged`, `alone`, `crept` | the trajectory ended before this time for that reason ([`TrajectoryEnd`]); the columns from `x_m` to `n_samples` are empty. A lost trajectory may continue later under the same identity |
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -28,8 +28,8 @@ ports! {
 
 figures! {
     "tracked.points": count, neither, "Different points of the surface written";
-    "tracked.samples": count, neither, "Rows written with a place: a point at a time each";
-    "tracked.ends": count, low, "Rows written for trajectories that end";
+        "tracked.samples": count, neither, "Rows with a position, one per point and time";
+        "tracked.ends": count, low, "Rows of trajectories that end";
 }
 
 const HEADER: &str = "time_s,point,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,vx_m_s,vy_m_s,vz_m_s,ax_m_s2,ay_m_s2,az_m_s2,nx,ny,nz,cameras,provenance,n_samples,state";
@@ -42,7 +42,7 @@ const NO_SAMPLE: &str = ",,,,,,,,,,,,,,,,,,,,,";
 pub struct ExportTrackedSettings {
     /// Name of the table in the results folder [–]
     pub file: String,
-    /// Only every so many-th moment is written, the first one first; ends of trajectories are always. Thousands of points make some 250 bytes each [–]
+    /// Every n-th moment is written, starting with the first; ends of trajectories are always written. A row has some 250 bytes [–]
     #[schemars(range(min = 1, max = 100000))]
     pub every: u32,
 }
@@ -65,7 +65,7 @@ pub struct ExportTracked {
     ends: u64,
 }
 
-/// Three columns, each with a comma before it, that are empty where the vector is zero: none was measured.
+/// Three columns, each with a comma before it, which are empty where the vector is zero (not measured).
 fn write_known(text: &mut String, vector: &Vector3<f64>) {
     if *vector == Vector3::zeros() {
         return text.push_str(",,,");
@@ -113,7 +113,7 @@ impl Node for ExportTracked {
     const TYPE: &'static str = "export.tracked";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Writes followed points of a surface into a CSV table: place, covariance, velocity, acceleration, ends";
+        "Writes tracked surface points to a CSV table: position, covariance, velocity, acceleration";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTrackedSettings;
 

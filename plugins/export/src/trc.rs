@@ -17,7 +17,7 @@ use crate::time_base::Sample;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Up {
-    /// y, as OpenSim has it: (x, y, z) of the world stand as (x, z, −y).
+    /// y, as in OpenSim: (x, y, z) of the world are written as (x, z, −y).
     #[default]
     Y,
     /// z, as in the world.
@@ -31,21 +31,21 @@ pub struct ExportTrcSettings {
     /// Name of the file in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    /// Frame rate; 0: that of the marks where they are connected, 60 otherwise [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// Between two samples of a point that are farther apart it is missing [ms]
+    /// Longest gap between two samples of a point that is interpolated; in a longer one the point is missing [ms]
     #[serde(default = "default_gap_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub gap_ms: f64,
     /// Names in the file in place of `target-N`, `PARENT-target-N` (PARENT: the parent scale's name) and `mark-N` [–]
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
-    /// Which axis is up in the file: `y`, as OpenSim has it, or `z` [–]
+    /// Which axis is up in the file: `y`, as in OpenSim, or `z` [–]
     #[serde(default)]
     pub up: Up,
-    /// Whether points that a model of shape filled in are written; TRC cannot tell them from measured ones [–]
+    /// Whether points filled in by a shape model are written; TRC cannot mark them [–]
     #[serde(default = "default_filled")]
     pub filled: bool,
 }
@@ -58,7 +58,7 @@ fn default_filled() -> bool {
     true
 }
 
-/// Targets and marks into a TRC file, as they come: at any time the file holds what there was so far.
+/// Targets and marks into a TRC file, during the run: at any time the file holds all frames so far.
 pub struct ExportTrc {
     gather: Option<Gather>,
     file: FrameFile<Trc>,
@@ -156,13 +156,13 @@ impl ExportTrc {
 
 figures! {
     "trc.points": count, neither, "Targets and marks in the file";
-    "trc.frames": count, neither, "Frames in the file, those without any point included";
+    "trc.frames": count, neither, "Frames in the file, including those without any point";
 }
 
 impl Node for ExportTrc {
     const TYPE: &'static str = "export.trc";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim: millimetres, missing points left empty";
+    const SUMMARY: &'static str = "Writes targets and marks as TRC for OpenSim, in millimetres";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportTrcSettings;
 

@@ -1,7 +1,7 @@
 //! `export.voxel_overlay`: silhouettes, voxels and skeletons over the pictures of one camera, as a series of PNG files.
 //!
-//! The outline of the silhouette is magenta, voxels are tinted by their component and shaded by their depth, so that the hull's shape can be seen; where the silhouette sticks out of the
-//! voxels nothing is tinted. Bones lie over them: white where their lower joint was measured, orange where it goes on as it moved, gray where proportions put it. A series of `voxels/CAMERA_NUMBER.png` becomes a film with `ffmpeg -i voxels/CAMERA_%06d.png film.mp4`.
+//! The outline of the silhouette is magenta, voxels are tinted by their component and shaded by their depth, so that the hull's shape can be seen; where the silhouette extends beyond the
+//! voxels nothing is tinted. Bones lie over them: white where their lower joint was measured, orange where it is predicted, gray where it is set by proportions. A series of `voxels/CAMERA_NUMBER.png` becomes a film with `ffmpeg -i voxels/CAMERA_%06d.png film.mp4`.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -49,7 +49,7 @@ const BONES: [[u8; 2]; 15] = [
 ];
 const BONE_PX: f64 = 2.0;
 const OUTLINE: [u8; 3] = [255, 0, 255];
-/// Of components, in turn.
+/// Colours of components, in turn.
 const TINTS: [[u8; 3]; 6] =
     [[0, 220, 255], [255, 200, 0], [80, 255, 80], [255, 110, 80], [160, 130, 255], [255, 255, 255]];
 
@@ -57,13 +57,13 @@ const TINTS: [[u8; 3]; 6] =
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportVoxelOverlaySettings {
-    /// One set of voxels in so many is drawn, and the last one [–]
+    /// Every n-th set of voxels is drawn, and the last one [–]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,
     /// Pictures drawn at most [–]
     #[schemars(range(min = 1, max = 100000))]
     pub max_pictures: u64,
-    /// How much of a pixel is tint where a voxel lies; 0: silhouettes alone [–]
+    /// Opacity of the tint of voxels; 0: silhouettes only [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub tint: f64,
 }
@@ -87,9 +87,9 @@ pub struct ExportVoxelOverlay {
     has_silhouettes: bool,
     has_skeletons: bool,
     has_poses: bool,
-    /// Sets that wait for their picture, by number.
+    /// Sets that wait for their picture, with their number.
     waiting: VecDeque<(u64, Arc<Voxels>)>,
-    /// The newest set, if it is not to be drawn: the last one of all is.
+    /// The newest set, if it is not to be drawn yet: the last one always is.
     newest: Option<(u64, Arc<Voxels>)>,
     n_come: u64,
     n_drawn: u64,
@@ -101,7 +101,7 @@ pub struct ExportVoxelOverlay {
 impl Node for ExportVoxelOverlay {
     const TYPE: &'static str = "export.voxel_overlay";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes pictures of a camera as PNG, with silhouettes and voxels drawn over them";
+    const SUMMARY: &'static str = "Writes camera pictures as PNG, with silhouettes and voxels drawn over them";
     type Settings = ExportVoxelOverlaySettings;
 
     fn ports() -> Ports {
@@ -204,7 +204,7 @@ fn hold<T>(held: &mut VecDeque<(Time, Arc<T>)>, message: Stamped<Arc<T>>) {
 }
 
 impl ExportVoxelOverlay {
-    /// `false`: something of that time has not come.
+    /// `false`: an input of that time is missing.
     fn draw(&mut self, number: u64, voxels: &Voxels) -> bool {
         // Cameras of one set may differ by the tolerance that joined them.
         fn nearest<T>(held: &VecDeque<(Time, Arc<T>)>, time: Time) -> Option<&Arc<T>> {
@@ -259,7 +259,7 @@ impl ExportVoxelOverlay {
     }
 }
 
-/// Draws the surface voxels, the nearest in front, each as the square that it appears as.
+/// Draws the surface voxels, the nearest in front, each as a square of its projected size.
 fn tint(canvas: &mut Canvas, image: &Image, camera: &Camera, voxels: &Voxels, strength: f64) {
     let window = image.window;
     let (width, height) = (image.width as usize, image.height as usize);

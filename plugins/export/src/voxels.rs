@@ -2,11 +2,11 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `voxels_NUMBER.ply` | binary, little endian: the faces between voxels and what is none, as squares of two triangles with colours, in metres of the world |
+//! | `voxels_NUMBER.ply` | binary, little endian: the faces of the voxels' surface, as squares of two triangles with colours, in metres of the world |
 //! | `voxels_NUMBER.glb` | the same for viewers; y up |
-//! | `voxels_NUMBER_points.ply` | on demand: the centre of each surface voxel (on demand of those inside, too) with its colour, views that saw it, views that dissent, and its component |
+//! | `voxels_NUMBER_points.ply` | optional: the centre of each surface voxel (optionally of inner ones, too) with its colour, the views that saw it, the views that dissent, and its component |
 //!
-//! Numbers count the sets of voxels that came. Source: G. Turk, "The PLY polygon file format", 1994.
+//! Numbers count the received sets of voxels. Source: G. Turk, "The PLY polygon file format", 1994.
 
 use std::collections::HashSet;
 
@@ -24,7 +24,7 @@ ports! {
 }
 
 figures! {
-    "export.voxel_sets": count, neither, "Sets of voxels that were written";
+        "export.voxel_sets": count, neither, "Sets of voxels written";
 }
 
 /// Settings of [`ExportVoxels`].
@@ -35,14 +35,14 @@ pub struct ExportVoxelsSettings {
     pub ply: bool,
     /// Whether GLB files of the faces are written [–]
     pub glb: bool,
-    /// Whether PLY files of the voxels' centres are written: of those at the surface [–]
+    /// Whether PLY files of the centres of surface voxels are written [–]
     pub points: bool,
-    /// Whether these have the voxels inside, too: for volumes, not for comparisons with surfaces [–]
+    /// Whether these include inner voxels: for volumes, not for comparisons with surfaces [–]
     pub inside: bool,
-    /// One set in so many is written [–]
+    /// Every n-th set is written [–]
     #[schemars(range(min = 1, max = 1000000))]
     pub every_n: u64,
-    /// Sets that are written, at most [–]
+    /// Most sets that are written [–]
     #[schemars(range(min = 1, max = 100000))]
     pub max_sets: u64,
 }
@@ -115,7 +115,7 @@ impl Node for ExportVoxels {
     }
 }
 
-/// The faces between voxels and what is none, in metres of the world: corners are shared by faces of one direction and one colour only, so that edges stay sharp.
+/// The faces of the voxels' surface, in metres of the world: corners are shared by faces of one direction and one colour only, so that edges stay sharp.
 pub fn faces(voxels: &Voxels) -> Mesh {
     let list: Vec<Voxel> = voxels.iter().collect();
     let places: HashSet<[u16; 3]> = list.iter().map(|it| it.index).collect();
@@ -158,7 +158,7 @@ pub fn faces(voxels: &Voxels) -> Mesh {
     Mesh { time: voxels.time, world_from_mesh: Isometry3::identity(), ..Mesh::new(vertices, &triangles) }
 }
 
-/// The centre of each voxel at the surface, and with `inside` of all others, as a binary PLY file, in metres of the world.
+/// The centre of each surface voxel, and with `inside` of all others, as a binary PLY file, in metres of the world.
 pub fn points_ply(voxels: &Voxels, inside: bool) -> Vec<u8> {
     let wanted = || voxels.iter().filter(|it| inside || it.is_surface);
     let n = wanted().count();

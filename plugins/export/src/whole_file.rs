@@ -1,4 +1,4 @@
-//! A file that can only be written at the end of a run: it appears whole or not at all, and a disk that is full loses nothing.
+//! A file that is written at the end of a run, completely or not at all; a full disk loses nothing.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -9,13 +9,13 @@ use foveate::prelude::*;
 use crate::csv::file_part;
 use crate::row_file::create_new;
 
-/// Where a file of the results goes.
+/// Destination of a results file.
 #[derive(Debug, Clone)]
 pub(crate) struct WholeFile {
     /// `None`: the run keeps no results.
     folder: Option<PathBuf>,
     pub(crate) name: String,
-    /// Where it goes when it must.
+    /// Folder for the file where its own cannot be written.
     refuge_dir: PathBuf,
     refuge_name: String,
 }
@@ -41,7 +41,7 @@ impl WholeFile {
         self.folder.is_some()
     }
 
-    /// Writes it under another name, and renames it when it is whole; where that fails, into the system's folder for temporary files.
+    /// Writes it under a temporary name, and renames it when it is complete; where that fails, writes it into the system's folder for temporary files.
     ///
     /// # Errors
     /// The file could not be written: why, and where it is.

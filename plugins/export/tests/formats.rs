@@ -5,11 +5,11 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use foveate::engine::{self, Options};
 use foveate::estimation::random::Random;
 use foveate::motion::{c3d, trc};
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, Vector3};
 use schemars::JsonSchema;

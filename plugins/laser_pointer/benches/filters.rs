@@ -1,5 +1,5 @@
 //! Jitter filters at rest and in motion, as Casiez et al. plot them (CHI 2012): the mean distance of what a filter gives from where the person means to point, by
-//! speed; and the same for what is foretold for the display.
+//! speed; and the same for the prediction to display time.
 //!
 //! `cargo bench -p foveate-laser-pointer --bench filters -- [--tune] [FOLDER]`: prints a table, and draws `pointer_filters.svg` into FOLDER; with `--tune`, the best
 //! of a grid of settings on seeds 1 to 3.
@@ -23,11 +23,11 @@ const RATE_HZ: f64 = 120.0;
 const DURATION_S: f64 = 60.0;
 const TREMOR_M: f64 = 3e-3;
 const SPOT_M: f64 = 0.5e-3;
-/// From capture to display, of what is foretold.
+/// Prediction span, from capture to display.
 const AHEAD_S: f64 = 0.05;
 /// Of the tracker: hands on a wall accelerate by metres per second in a tenth of a second [m²/s³].
 const TRACKER_DENSITY: f64 = 30.0;
-/// Borders of the speeds that are told apart [m/s]; below the first: at rest.
+/// Borders of the speed classes [m/s]; below the first: at rest.
 const SPEEDS: [f64; 7] = [0.0, 0.01, 0.1, 0.3, 1.0, 2.0, 5.0];
 const N_SPEEDS: usize = SPEEDS.len() - 1;
 const TUNING: [u64; 3] = [1, 2, 3];
@@ -114,7 +114,7 @@ fn tremor(random: &mut Random, n: usize) -> Vec<f64> {
 struct Errors {
     /// Mean distance from where the person means to point, by speed [mm].
     by_speed: [f64; N_SPEEDS],
-    /// The same of what is foretold for [`AHEAD_S`] later, against what is meant then [mm].
+    /// The same for predictions [`AHEAD_S`] ahead, against the intended place then [mm].
     ahead: [f64; N_SPEEDS],
     /// Mean way from picture to picture at rest [mm].
     jitter: f64,
@@ -134,9 +134,9 @@ fn judge(settings: &SmoothingSettings, hand: &Hand, is_ahead: bool) -> Errors {
         let speed = hand.speed[step];
         let place = SPEEDS[1..].iter().position(|it| speed < *it).unwrap_or(N_SPEEDS - 1);
         if step > (2.0 * RATE_HZ) as usize && step + ahead_steps < hand.meant.len() {
-            let foretold = if is_ahead { smoother.predicted(Interval::from_s(AHEAD_S)) } else { smoother.position() };
+            let predicted = if is_ahead { smoother.predicted(Interval::from_s(AHEAD_S)) } else { smoother.position() };
             sums[place][0] += (smoother.position() - hand.meant[step]).norm();
-            sums[place][1] += (foretold - hand.meant[step + ahead_steps]).norm();
+            sums[place][1] += (predicted - hand.meant[step + ahead_steps]).norm();
             sums[place][2] += 1.0;
             // At rest for half a second.
             if hand.speed[step - (0.5 * RATE_HZ) as usize..=step].iter().all(|it| *it == 0.0) {
@@ -176,7 +176,7 @@ fn settings(filter: JitterFilter) -> SmoothingSettings {
     SmoothingSettings { filter, ..SmoothingSettings::default() }
 }
 
-/// What the grid is judged by: rest and motion count alike, each speed as a share of what it is without a filter, and what is foretold as well.
+/// What the grid is judged by: rest and motion count alike, each speed as a share of what it is without a filter, predictions included.
 fn cost(settings: &SmoothingSettings, hands: &[Hand]) -> f64 {
     let mut sum = 0.0;
     for hand in hands {
@@ -283,7 +283,7 @@ fn main() {
     }
     let all: Vec<Errors> = hands.iter().map(|it| judge(&settings(JitterFilter::None), it, false)).collect();
     let points = (0..N_SPEEDS).map(|speed| [middle(speed), over(&all, |it| it.ahead[speed])[0]]).collect();
-    later = later.with(Series::line("none, nothing foretold", COLOURS[3], points).dashed());
+    later = later.with(Series::line("none, no prediction", COLOURS[3], points).dashed());
     if let Some(folder) = out {
         let title = "Distance from where a person means to point".to_owned();
         let svg = Figure { title, n_columns: 2, charts: vec![now, later] }.svg();

@@ -1,22 +1,22 @@
-//! `laser_pointer.events`: from targets on a wall to what people do there: appear, press, move, hover, dwell, release, stroke, vanish.
+//! `laser_pointer.events`: turns targets on a wall into events: appear, press, move, hover, dwell, release, stroke, vanish.
 //!
-//! | event | when | of which moment |
+//! | event | when | time of the event |
 //! |---|---|---|
-//! | appear | the tracker has measured a new target | that one |
+//! | appear | the tracker has measured a new target | that moment |
 //! | press | it has been there for `on_ms`, in `min_seen` measurements (`press = "light"`), or has dwelt (`press = "dwell"`) | the appearance, or the dwell |
-//! | move | while it is pressed, `move_mm` from where that was told last | that one |
+//! | move | while it is pressed, `move_mm` from the last move event | that moment |
 //! | hover | it has kept within `rest_radius_mm` for `hover_ms` | the end of that time |
 //! | dwell | the same for `dwell_ms`, once a rest | the end of that time |
 //! | release, stroke, vanish | it was not measured for `off_ms` | the last measurement |
 //!
-//! Each event states its latency: from the moment that it is of until it was given out. `predicted` is where a pointer will be when people see what is shown for it:
-//! `display_latency_ms` after it was given out.
+//! Each event states its latency: from its moment until it was sent. `predicted` is the pointer's place when people see what is shown for it:
+//! `display_latency_ms` after it was sent.
 //!
-//! Time goes on with the targets' own, also where their list is empty: a release needs a message after the pointer was lost. Targets that come late, from a camera
+//! Time advances with the targets' own, also where their list is empty: a release needs a message after the pointer was lost. Targets that come late, from a camera
 //! behind the others, are left out and counted.
 //!
-//! Where `users` is connected, pointers and events say whose they are. When identities turn out to have been taken for each other, each stroke goes on where its pointer is, and gets the
-//! points that the other one had drawn in its place.
+//! Where `users` is connected, pointers and events have a user. When two identities turn out to be exchanged, each stroke continues where its pointer is, and gets the
+//! points that were drawn in its place under the other one.
 
 mod one;
 
@@ -40,14 +40,14 @@ figures! {
     "pointer.{appear,press,move,hover,dwell,release,stroke,vanish}": count, neither, "Events of that kind";
     "pointer.flashes": count, low, "Pointers that appeared and vanished without having been pressed";
     "pointer.late": count, low, "Measurements left out: not after the last one of their pointer";
-    "pointer.left_out": count, low, "Measurements of pointers left out: too many pointers at once";
-    "pointer.move_latency_ms.{p50,p99}": ms, low, "From capture to event, over all moves";
-    "pointer.press_latency_ms.{p50,p99}": ms, low, "From a pointer's first sight to the event that says that it is pressed, over all presses";
+        "pointer.left_out": count, low, "Measurements left out because of too many pointers at once";
+        "pointer.move_latency_ms.{p50,p99}": ms, low, "From capture to event, over all moves";
+    "pointer.press_latency_ms.{p50,p99}": ms, low, "From a pointer's first observation to its press event, over all presses";
 }
 
-/// Pointers at once, of which a wall full of people has a tenth: what a faulty tracker gives is bounded.
+/// Most pointers at once; a wall full of people has a tenth. Bounds the output of a faulty tracker.
 const MOST_POINTERS: usize = 256;
-/// Latencies kept for the figures; of more, every second is left out, again and again.
+/// Latencies kept for the figures; more are thinned to every second one, repeatedly.
 const MOST_LATENCIES: usize = 1 << 16;
 
 /// What presses a pointer.
@@ -65,21 +65,21 @@ pub enum PressBy {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EventSettings {
-    /// What presses a pointer [–]
+    /// How a pointer is pressed: by its `light`, or by a `dwell` [–]
     pub press: PressBy,
-    /// So long it has to be there before it is pressed: what flashes up is no press. Delays the press, whose time and stroke begin with the appearance nevertheless [ms]
+    /// Time for which it must be visible before it is pressed, which ignores flashes. Delays the press, whose time and stroke begin with the appearance nevertheless [ms]
     #[schemars(range(min = 0.0, max = 5000.0))]
     pub on_ms: f64,
-    /// Measurements that it takes as well, the first included [–]
+    /// Measurements that this needs as well, the first included [–]
     #[schemars(range(min = 1, max = 1000))]
     pub min_seen: u32,
-    /// Without a measurement for so long, it is released: bridges flicker, and gaps between tiles [ms]
+    /// Time without a measurement after which it is released: bridges flicker, and gaps between tiles [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub off_ms: f64,
-    /// Shortest move that is told [mm]
+    /// Shortest move that makes an event [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub move_mm: f64,
-    /// What stays within so much rests: more than a hand trembles [mm]
+    /// A pointer rests while it stays within this radius: more than a hand trembles [mm]
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub rest_radius_mm: f64,
     /// Rest before a hover [ms]
@@ -88,10 +88,10 @@ pub struct EventSettings {
     /// Rest before a dwell [ms]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub dwell_ms: f64,
-    /// From an event until people see what is shown for it, as measured at this display [ms]
+    /// Delay from an event until people see what is shown for it, as measured at this display [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub display_latency_ms: f64,
-    /// Jitter filter, and how far pointers are carried on [–]
+    /// Jitter filter, and prediction of pointers [–]
     pub smoothing: SmoothingSettings,
 }
 
@@ -126,11 +126,11 @@ impl EventSettings {
     }
 }
 
-/// Targets in, what pointers do out.
+/// Targets in, pointers and events out.
 pub struct Events {
     settings: EventSettings,
     pointers: BTreeMap<TargetId, One>,
-    /// Whose the targets of the next message are.
+    /// Users of the next message's targets.
     users: Users,
     /// The newest time so far.
     time: Time,
@@ -145,7 +145,8 @@ pub struct Events {
 impl Node for Events {
     const TYPE: &'static str = "laser_pointer.events";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Says what pointers on a wall do: press, move, hover, dwell, release, strokes; without jitter, each with its latency";
+    const SUMMARY: &'static str =
+        "Turns pointers into events with latency: press, move, hover, dwell, release, strokes";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = EventSettings;
 
@@ -192,7 +193,7 @@ impl Node for Events {
         let lost: Vec<TargetId> =
             self.pointers.iter().filter(|it| self.time - it.1.last_seen >= off).map(|it| *it.0).collect();
         lost.into_iter().for_each(|id| self.end(id, &mut found));
-        let events = found.into_iter().map(|(id, user, it)| self.told(io.now(), id, user, it)).collect();
+        let events = found.into_iter().map(|(id, user, it)| self.event(io.now(), id, user, it)).collect();
         let shown_at = io.now() + Interval::from_ms(self.settings.display_latency_ms);
         let list = self.pointers.values().map(|it| it.at(self.time, shown_at)).collect();
         io.emit(&POINTERS, stamp, Pointers { time: self.time, shown_at, list, exchanged, events });
@@ -223,7 +224,7 @@ impl Node for Events {
 }
 
 impl Events {
-    /// Two pointers had been taken for each other.
+    /// Exchanges two pointers whose identities were confused.
     fn exchange(&mut self, Exchange { ids: [first, second], since }: &Exchange) {
         let Some(mut one) = self.pointers.remove(first) else { return };
         if let Some(other) = self.pointers.get_mut(second) {
@@ -254,8 +255,8 @@ impl Events {
         found.extend(changes.into_iter().map(|it| (id, user, it)));
     }
 
-    /// A change as it is given out at `now`; `user` is whose a pointer was that is gone.
-    fn told(&mut self, now: Time, id: TargetId, user: Option<u32>, change: Change) -> PointerEvent {
+    /// The event of a change at `now`; `user` is the user of a pointer that is gone.
+    fn event(&mut self, now: Time, id: TargetId, user: Option<u32>, change: Change) -> PointerEvent {
         let Change { what, time, position, path } = change;
         let user = self.pointers.get(&id).map_or(user, |it| it.user);
         let latency = now - time;

@@ -1,16 +1,16 @@
 //! Laser pointers on a wall of displays: the large scale's machinery in a plane [Davis 2002 §6.1].
 //!
-//! Positions are metres on the wall: the origin is the top left corner of what the wall can show, x runs to the right, y runs down, z is 0.
+//! Positions are metres on the wall: the origin is the top left corner of the displayed area, x runs to the right, y runs down, z is 0.
 //!
 //! | node | what it does |
 //! |---|---|
-//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall by dots or a chessboard that it shows |
-//! | [`laser_pointer.wave_calibrator`](waved::WaveCalibrator) | maps cameras to the wall from nothing, by a waved pointer |
+//! | [`laser_pointer.calibrator`](calibrator::Calibrator) | maps cameras to the wall from dots or a chessboard that it shows |
+//! | [`laser_pointer.wave_calibrator`](waved::WaveCalibrator) | maps cameras to the wall from a waved pointer alone |
 //! | [`laser_pointer.tracker`](tracker::Tracker) | tracks pointers in the wall's plane, from the spots that each camera finds |
-//! | [`laser_pointer.events`](events::Events) | says what pointers do: press, move, hover, dwell, release, strokes; without jitter |
+//! | [`laser_pointer.events`](events::Events) | filters jitter and sends events: press, move, hover, dwell, release, strokes |
 //! | [`laser_pointer.page`](page::DrawingPage) | shows strokes and pointers on a page, and sends them as JSON over a WebSocket |
 //! | [`laser_pointer.tuio`](tuio::Tuio) | sends pointers to TUIO 1.1 clients over UDP |
-//! | [`laser_pointer.uinput`](uinput::Uinput) | makes pointers a touch screen or a mouse of Linux |
+//! | [`laser_pointer.uinput`](uinput::Uinput) | presents pointers as a touch screen or a mouse of Linux |
 
 pub mod calibrator;
 pub mod events;
@@ -24,7 +24,7 @@ pub mod waved;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<calibrator::Calibrator>();
     registry.add::<waved::WaveCalibrator>();

@@ -1,11 +1,11 @@
-//! `laser_pointer.page`: a page that people draw on: strokes as they are drawn, pointers where they will be, a colour for each, and how late all of it is.
+//! `laser_pointer.page`: a page that people draw on: live strokes, predicted pointers, a colour for each, and their latency.
 //!
 //! The page is served by the program, works without any other network, and may be open in many windows. The same link serves other programs: what is sent is JSON
 //! over a WebSocket (`ws://ADDRESS/socket`, docs/laser-pointers.md).
 //!
-//! A window gets at most `rate_hz` messages a second, each with the newest state and all ink since the last one. A window that says what it has seen is never more
-//! than six messages behind: while it stalls nothing is sent, and afterwards it gets what it missed at once. What people do on the page (clear it)
-//! stays on the page: nothing of it enters the run, which is why this node works in runs that can be repeated, too.
+//! A window gets at most `rate_hz` messages a second, each with the newest state and all ink since the last one. A window that confirms what it has shown is never more
+//! than six messages behind: while it stalls nothing is sent, and afterwards it gets everything missed at once. What people do on the page (clear it)
+//! stays on the page: nothing of it enters the run, so this node works in repeatable runs, too.
 
 mod board;
 mod windows;
@@ -27,29 +27,29 @@ ports! {
 
 figures! {
     "page.strokes": count, neither, "Strokes begun on the page";
-    "page.windows": count, neither, "Windows in which the page was opened; missing where there was none, as all figures below";
-    "page.sent": count, neither, "Messages sent, over all windows";
-    "page.held_back": count, low, "Messages not sent since the window had not seen those before, over all windows";
-    "page.refused": count, low, "Messages of windows that are none of this page's";
-    "page.drawn_ms.{p50,p99}": ms, low, "From an event of the run to the frame of the window that shows it, as windows say by the server's clock";
+    "page.windows": count, neither, "Windows in which the page was opened; missing without any window, as are the figures below";
+        "page.sent": count, neither, "Messages sent to all windows";
+        "page.held_back": count, low, "Messages not sent because a window had not shown those before, over all windows";
+        "page.refused": count, low, "Messages of windows that are not of this page";
+    "page.drawn_ms.{p50,p99}": ms, low, "From an event of the run to the frame of the window that shows it, as windows report by the server's clock";
 }
 
 /// The page.
 const HTML: &str = include_str!("page/page.html");
-/// Messages that a window may not have seen yet when the next one is sent: a tenth of a second at 60 Hz, as much as a wireless link takes at times.
+/// Messages that a window may not have confirmed when the next one is sent: a tenth of a second at 60 Hz, as much as a wireless link may delay.
 const MOST_UNSEEN: u64 = 6;
 
 /// Settings of [`DrawingPage`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PageSettings {
-    /// Most messages to a window in a second of the clock on the wall [Hz]
+    /// Most messages per window and second of wall-clock time [Hz]
     #[schemars(range(min = 1.0, max = 240.0))]
     pub rate_hz: f64,
-    /// Points of strokes that stay on the page; of more, the oldest go [–]
+    /// Points of strokes that stay on the page; beyond that the oldest are removed [–]
     #[schemars(range(min = 100, max = 100000))]
     pub most_points: usize,
-    /// Shortest way between two points of a stroke [mm]
+    /// Shortest distance between two points of a stroke [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub step_mm: f64,
 }
@@ -62,7 +62,7 @@ impl Default for PageSettings {
 
 /// A page that people draw on.
 pub struct DrawingPage {
-    /// None where the node is only being checked, or the run serves no pages.
+    /// None while the node is only checked, or where the run serves no pages.
     link: Option<Box<dyn PageLink>>,
     wall: Wall,
     board: Board,
@@ -72,8 +72,7 @@ pub struct DrawingPage {
 impl Node for DrawingPage {
     const TYPE: &'static str = "laser_pointer.page";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Shows strokes and pointers on a page in browsers, and sends them to programs as JSON over a WebSocket";
+    const SUMMARY: &'static str = "Shows strokes in browsers, and sends them to programs as JSON over a WebSocket";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PageSettings;
 
@@ -101,7 +100,7 @@ impl Node for DrawingPage {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(Stamped { value: pointers, .. }) = io.take(&POINTERS) else { return Ok(()) };
         if let Some(link) = &mut self.link {
-            hear(&mut **link, &mut self.windows, &mut self.board);
+            receive(&mut **link, &mut self.windows, &mut self.board);
         }
         self.board.take(&self.wall, &pointers);
         if let Some(link) = &mut self.link {
@@ -122,14 +121,14 @@ impl Node for DrawingPage {
     }
 }
 
-/// Takes in what windows have said since the last time.
-fn hear(link: &mut dyn PageLink, windows: &mut Windows, board: &mut Board) {
+/// Takes in the windows' messages since the last time.
+fn receive(link: &mut dyn PageLink, windows: &mut Windows, board: &mut Board) {
     while let Some(event) = link.take() {
         match event.what {
             PageNews::Opened => windows.opened(event.client),
             PageNews::Closed(_) => windows.closed(event.client),
             PageNews::Text(text) => {
-                if windows.heard(event.client, &text) {
+                if windows.receive(event.client, &text) {
                     board.clear();
                 }
             }

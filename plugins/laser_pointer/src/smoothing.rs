@@ -1,6 +1,6 @@
-//! Positions of one pointer without jitter: as they come, by the 1€ filter, or by a Kalman filter; and where the pointer will be a little later.
+//! Jitter filters for the positions of one pointer (none, 1€, or Kalman), with prediction.
 //!
-//! All of them get the positions of the tracker. The 1€ filter and no filter take the tracker's velocity for what comes; the Kalman filter has one of its own. How
+//! All of them get the positions of the tracker. Without a filter and with the 1€ filter, prediction uses the tracker's velocity; the Kalman filter has its own. How
 //! they compare, at rest and in motion, is drawn by `cargo bench -p foveate-laser-pointer --bench filters`.
 
 use foveate::estimation::{ConstantVelocity, OneEuro, OneEuroOptions};
@@ -34,19 +34,19 @@ pub struct SmoothingSettings {
     /// 1€ filter: by how much the cutoff rises with speed. Higher lags less [Hz per m/s]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub beta: f64,
-    /// 1€ filter: cutoff of the speed that it goes by [Hz]
+    /// 1€ filter: cutoff of the filtered speed [Hz]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub speed_cutoff_hz: f64,
-    /// Kalman filter: spectral density of the acceleration that is expected of a hand. Lower is calmer, higher lags less [m²/s³]
+    /// Kalman filter: spectral density of a hand's acceleration. Lower is calmer, higher lags less [m²/s³]
     #[schemars(range(min = 0.000001, max = 1000000.0))]
     pub acceleration_density: f64,
-    /// Kalman filter: standard deviation of what is noise in a position, tremor of the hand with it; 0: as the tracker states it [mm]
+    /// Kalman filter: standard deviation of a position's noise, the hand's tremor included; 0: as the tracker states it [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub noise_mm: f64,
-    /// What is slower rests and trembles: its velocity is not carried on, and of what is faster the less is left out the faster it is [m/s]
+    /// A slower pointer is at rest and not extrapolated; a faster one is extrapolated with a velocity reduced by 1 − (`still_m_s`/speed)² [m/s]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub still_m_s: f64,
-    /// Longest time over which a pointer is carried on to the moment at which it is shown [ms]
+    /// Longest prediction of a pointer to the moment at which it is shown [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub most_prediction_ms: f64,
 }
@@ -67,7 +67,7 @@ impl Default for SmoothingSettings {
 }
 
 impl SmoothingSettings {
-    /// Refuses what is out of range; settings are named as they stand under `prefix`.
+    /// Refuses settings out of range; they are named under `prefix`.
     pub(crate) fn check(&self, prefix: &str) -> Result<(), ConfigError> {
         let named = |name: &str| format!("{prefix}.{name}");
         ConfigError::unless_in(&named("min_cutoff_hz"), self.min_cutoff_hz, 0.01..=1000.0)?;
@@ -85,7 +85,7 @@ impl SmoothingSettings {
     }
 }
 
-/// Standard deviation of each component of a pointer's velocity when it comes: hands are about as fast [m/s].
+/// Standard deviation of each component of a new pointer's velocity: a hand's speed [m/s].
 const FIRST_SPEED: f64 = 1.0;
 
 /// One pointer's filter.
@@ -93,7 +93,7 @@ const FIRST_SPEED: f64 = 1.0;
 pub struct Smoother {
     settings: SmoothingSettings,
     filter: State,
-    /// Of the tracker [m/s].
+    /// Velocity by the tracker [m/s].
     tracked_velocity: Vector2<f64>,
 }
 
@@ -105,7 +105,7 @@ enum State {
 }
 
 impl Smoother {
-    /// Of a pointer that has come as `target`, of which z is left out.
+    /// A filter for a new pointer at `target`, whose z is ignored.
     pub fn new(settings: &SmoothingSettings, target: &Target) -> Smoother {
         let at = target.position.xy();
         let filter = match settings.filter {
@@ -119,7 +119,7 @@ impl Smoother {
         Smoother { settings: settings.clone(), filter, tracked_velocity: target.velocity.xy() }
     }
 
-    /// Takes in the target `dt_s` after the last one; `false`, and nothing changed, where no time has passed.
+    /// Takes in the target `dt_s` after the last one; `false`, and no change, if no time has passed.
     pub fn update(&mut self, target: &Target, dt_s: f64) -> bool {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return false;
@@ -139,7 +139,7 @@ impl Smoother {
         true
     }
 
-    /// On the wall [m].
+    /// Position on the wall [m].
     pub fn position(&self) -> Point2<f64> {
         match &self.filter {
             State::None(position) => *position,
@@ -148,7 +148,7 @@ impl Smoother {
         }
     }
 
-    /// On the wall [m/s].
+    /// Velocity on the wall [m/s].
     pub fn velocity(&self) -> Vector2<f64> {
         match &self.filter {
             State::Kalman(filter) => filter.velocity.xy(),
@@ -156,8 +156,8 @@ impl Smoother {
         }
     }
 
-    /// Where the pointer will be `span` after its last position, as far as `most_prediction_ms` lets it be foretold [m]. The velocity is shrunk by
-    /// 1 − (`still_m_s`/speed)², not below 0: a hand at rest trembles at some speed that leads nowhere.
+    /// Predicted position `span` after the last one, at most `most_prediction_ms` ahead [m]. The velocity is reduced by
+    /// 1 − (`still_m_s`/speed)², not below 0: the tremor of a hand at rest is no motion.
     pub fn predicted(&self, span: Interval) -> Point2<f64> {
         let span = span.as_s().clamp(0.0, self.settings.most_prediction_ms * 1e-3);
         let velocity = self.velocity();
@@ -166,7 +166,7 @@ impl Smoother {
     }
 }
 
-/// Covariance of a position; z is known, with a little left so that the matrix can be inverted [m²].
+/// Covariance of a position; z is known, with a small variance so that the matrix can be inverted [m²].
 fn noise(settings: &SmoothingSettings, target: &Target) -> Matrix3<f64> {
     let sigma = settings.noise_mm * 1e-3;
     let mut noise = Matrix3::from_diagonal_element(sigma * sigma);

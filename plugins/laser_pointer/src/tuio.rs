@@ -1,12 +1,12 @@
-//! `laser_pointer.tuio`: pointers as TUIO 1.1 cursors (`/tuio/2Dcur`) over OSC and UDP, for the programs of others.
+//! `laser_pointer.tuio`: pointers as TUIO 1.1 cursors (`/tuio/2Dcur`) over OSC and UDP, for other programs.
 //!
-//! A cursor is a pointer that is held down, as a finger on a touch table; each press is another session. Where it is when people see what is shown for it
-//! (`predicted`) is what is sent. Cursors have no users; where these are known, `objects` sends what they hold as objects, whose class is the user.
+//! A cursor is a pointer that is held down, like a finger on a touch table; each press is another session. Its predicted position at display time
+//! (`predicted`) is sent. Cursors have no users; where these are known, `objects` also sends their pointers as objects, whose class is the user.
 //!
-//! Never more than `rate_hz` frames a second leave, however many cameras there are: what was not sent yet gives way to what is newer, and is counted. A client that
-//! reads slower than that has old datagrams in its own socket, which no sender can see: a lower rate is what helps it. Every datagram says the whole state, so that
-//! a lost one is mended by the next; without news the state is said again each second. The rate is one of session time, as no node reads a clock: a run that goes
-//! faster than time sends as much faster.
+//! At most `rate_hz` frames a second are sent, regardless of the number of cameras: unsent states are replaced by newer ones, and counted. A client that
+//! reads more slowly has old datagrams in its own socket, which no sender can see: use a lower rate. Every datagram holds the whole state, so that
+//! the next one repairs a loss; without changes the state is repeated each second. The rate is in session time, as no node reads a clock: a run that is
+//! faster than real time sends correspondingly faster.
 
 mod bundle;
 
@@ -28,29 +28,29 @@ ports! {
 
 figures! {
     "tuio.frames": count, neither, "Frames sent";
-    "tuio.cursors": count, neither, "Cursors told: presses, each with a session of its own";
-    "tuio.superseded": count, neither, "States that gave way to a newer one before they were sent, to keep to `rate_hz`";
-    "tuio.failed": count, low, "Datagrams that the system did not take, over all clients";
+        "tuio.cursors": count, neither, "Cursors sent: presses, each with a session of its own";
+        "tuio.superseded": count, neither, "States replaced by a newer one before they were sent, to keep to `rate_hz`";
+        "tuio.failed": count, low, "Datagrams that the system did not send, over all clients";
     "tuio.left_out": count, low, "Pointers left out of a frame: more than 64 were held down";
 }
 
-/// Cursors at once; a wall full of people has a tenth.
+/// Most cursors at once; a wall full of people has a tenth.
 const MOST_CURSORS: usize = 64;
-/// Without news all is said again after so long: clients that come late, or lost a datagram.
+/// Without changes the state is repeated after this time, for clients that start late or lost a datagram.
 const SAID_AGAIN: Interval = Interval(1_000_000_000);
 
 /// Settings of [`Tuio`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TuioSettings {
-    /// Where clients listen, HOST:PORT; TUIO's own port is 3333 [–]
+    /// Addresses of the clients, HOST:PORT; TUIO's own port is 3333 [–]
     pub to: Vec<String>,
-    /// Most frames in a second of the session [Hz]
+    /// Most frames per second of session time [Hz]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub rate_hz: f64,
-    /// Who is told to be the source, as `name@host` [–]
+    /// Name of the source in messages, as `name@host` [–]
     pub source: String,
-    /// Pointers whose user is known are told as objects (`/tuio/2Dobj`), too, with the session of their cursor and the user as class [–]
+    /// Whether pointers with a known user are also sent as objects (`/tuio/2Dobj`), with the session of their cursor and the user as class [–]
     pub objects: bool,
 }
 
@@ -72,12 +72,12 @@ pub struct Tuio {
     period: Interval,
     wall: Wall,
     clients: Vec<Client>,
-    /// By pointer: its session, and its speed when it was told last.
+    /// By pointer: its session, and its last sent speed.
     sessions: BTreeMap<TargetId, Session>,
     next_session: i32,
     frame: i32,
     sent: Option<Time>,
-    /// What was said last, and what is to be said.
+    /// The cursors sent last, and those to be sent.
     said: Vec<Cursor>,
     waits: bool,
     n_frames: u64,
@@ -90,14 +90,14 @@ struct Client {
     socket: UdpSocket,
     n_failed: u64,
     fault: Option<String>,
-    /// The last datagram but one found no program that listens.
-    is_unheard: bool,
+    /// Whether the last datagrams reached no program.
+    has_no_listener: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Session {
     number: i32,
-    /// Speed and its time, for how it changes.
+    /// Speed and its time, for the acceleration.
     speed: f64,
     time: Time,
     acceleration: f64,
@@ -106,7 +106,7 @@ struct Session {
 impl Node for Tuio {
     const TYPE: &'static str = "laser_pointer.tuio";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Sends pointers on a wall to TUIO 1.1 clients, over OSC and UDP";
+    const SUMMARY: &'static str = "Sends pointers on a wall to TUIO 1.1 clients over OSC and UDP";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TuioSettings;
 
@@ -135,7 +135,13 @@ impl Node for Tuio {
             if setup.purpose == Purpose::Run {
                 let address = address_of(name).map_err(fault)?;
                 let (socket, unreached) = socket_to(&address).map_err(|error| fault(error.to_string()))?;
-                clients.push(Client { name: name.clone(), socket, n_failed: 0, fault: unreached, is_unheard: false });
+                clients.push(Client {
+                    name: name.clone(),
+                    socket,
+                    n_failed: 0,
+                    fault: unreached,
+                    has_no_listener: false,
+                });
             }
         }
         Ok(Self {
@@ -188,7 +194,7 @@ impl Node for Tuio {
                 let (n, name) = (client.n_failed, &client.name);
                 report.remark(format!("{n} datagrams to the TUIO client `{name}` were not sent: {why}"));
             }
-            if client.is_unheard {
+            if client.has_no_listener {
                 report.remark(format!(
                     "no program listened at `{}` at the end of the run: is the TUIO client up, and is that its port?",
                     client.name
@@ -252,8 +258,8 @@ impl Client {
     fn send(&mut self, datagram: &[u8]) {
         let mut sent = self.socket.send(datagram);
         // What is said is of a datagram before: its port is closed. This one has not left yet.
-        self.is_unheard = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
-        if self.is_unheard {
+        self.has_no_listener = sent.as_ref().is_err_and(|it| it.kind() == ErrorKind::ConnectionRefused);
+        if self.has_no_listener {
             sent = self.socket.send(datagram);
         }
         let why = match sent {
@@ -271,10 +277,10 @@ fn address_of(name: &str) -> Result<SocketAddr, String> {
     let found = name.to_socket_addrs().map_err(|error| error.to_string())?;
     let found: Vec<SocketAddr> = found.collect();
     let first = found.iter().find(|it| it.is_ipv4()).or(found.first()).copied();
-    first.ok_or_else(|| "nothing has that name".to_owned())
+    first.ok_or_else(|| "the name has no address".to_owned())
 }
 
-/// A socket for `address`, and why that cannot be reached where it cannot: the other clients go on.
+/// A socket for `address`, and the reason where it is unreachable: the other clients are still served.
 fn socket_to(address: &SocketAddr) -> std::io::Result<(UdpSocket, Option<String>)> {
     let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })?;
     socket.set_nonblocking(true)?;

@@ -1,14 +1,14 @@
-//! `laser_pointer.uinput`: pointers as an input device of Linux, for every program that takes a touch screen or a mouse.
+//! `laser_pointer.uinput`: pointers as an input device of Linux, for every program that supports a touch screen or a mouse.
 //!
 //! | `mode` | the device | what a pointer does |
 //! |---|---|---|
 //! | `touch` | a touch screen, multitouch protocol B of the kernel | each that is pressed is a finger |
 //! | `pointer` | a mouse with absolute positions | the oldest moves the cursor, pressed or not; a press holds the left button |
 //!
-//! Positions are `predicted`, where a pointer is when people see what is shown for it. The device is as large as what the displays show; the gaps between them are left out.
+//! Positions are `predicted`, at display time. The device covers the displayed area without the gaps between displays.
 //!
-//! Never more than `rate_hz` frames a second of session time leave, but for presses and releases, which leave at once. A program that reads slower than that holds nothing up:
-//! the kernel throws away what it does not take and tells it so.
+//! At most `rate_hz` frames per second of session time are sent; presses and releases are sent at once. A slow program delays nothing:
+//! the kernel drops what it does not read, and informs it.
 
 mod cursor;
 mod desktop;
@@ -30,14 +30,14 @@ ports! {
 }
 
 figures! {
-    "uinput.frames": count, neither, "Frames of events that the device took";
+        "uinput.frames": count, neither, "Frames of events that the device accepted";
     "uinput.presses": count, neither, "Fingers put down, or presses of the button";
-    "uinput.superseded": count, neither, "States that gave way to a newer one before they were sent, to keep to `rate_hz`";
-    "uinput.left_out": count, low, "Presses that found no slot when they began, as more than `slots` were held down";
-    "uinput.failed": count, low, "Frames of events that the device did not take";
+        "uinput.superseded": count, neither, "States replaced by a newer one before they were sent, to keep to `rate_hz`";
+        "uinput.left_out": count, low, "Presses without a slot, as `slots` pointers were held down already";
+        "uinput.failed": count, low, "Frames of events that the device did not accept";
 }
 
-/// What kind of device programs see.
+/// Kind of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
@@ -52,24 +52,24 @@ pub enum Mode {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct UinputSettings {
-    /// What kind of device programs see [–]
+    /// Kind of the device: `touch` or `pointer` [–]
     pub mode: Mode,
-    /// Fingers at once; X.org's driver takes 15 at most [–]
+    /// Most fingers at once; X.org's driver supports 15 [–]
     #[schemars(range(min = 1, max = 64))]
     pub slots: usize,
-    /// Most frames in a second of the session; presses and releases leave at once [Hz]
+    /// Most frames per second of session time; presses and releases are sent at once [Hz]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub rate_hz: f64,
-    /// Displays along rows and columns, for the gaps between them [–]
+    /// Displays along rows and columns, to remove the gaps between them [–]
     pub tiles: [u32; 2],
-    /// From the last pixel of a display to the first of the next, which the desktop does not have [mm]
+    /// Distance from the last pixel of a display to the first of the next, which the desktop does not have [mm]
     #[schemars(range(min = 0.0, max = 200.0))]
     pub gap_mm: f64,
-    /// What programs call the device, 1 to 79 bytes [–]
+    /// Name of the device in programs, 1 to 79 bytes [–]
     pub name: String,
     /// The kernel's file for virtual input devices; a relative path starts at the rig's folder [–]
     pub device: String,
-    /// Without the device the run is refused; else it goes on, and that is told at the end [–]
+    /// Whether the run is refused without the device; if not, it continues, and the end report says so [–]
     pub required: bool,
 }
 
@@ -88,16 +88,16 @@ impl Default for UinputSettings {
     }
 }
 
-/// A pointer as devices have it.
+/// A pointer in units of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Contact {
     id: TargetId,
-    /// Units of the device, from the top left corner.
+    /// Position from the top left corner [units].
     at: [i32; 2],
     is_pressed: bool,
 }
 
-/// What happened on a device, in the numbers of the kernel's `input-event-codes.h`.
+/// An event of a device, in the numbers of the kernel's `input-event-codes.h`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Event {
     kind: u16,
@@ -130,7 +130,7 @@ impl Event {
     }
 }
 
-/// What pointers become.
+/// The simulated device.
 #[derive(Debug)]
 enum Stream {
     Touch(Touch),
@@ -138,7 +138,7 @@ enum Stream {
 }
 
 impl Stream {
-    /// Whether a press or a release is among what `contacts` would change.
+    /// Whether `contacts` would change a press or a release.
     fn is_urgent(&self, contacts: &[Contact]) -> bool {
         match self {
             Stream::Touch(it) => it.is_urgent(contacts),
@@ -146,7 +146,7 @@ impl Stream {
         }
     }
 
-    /// What happens on the device for it to be as `contacts`; nothing where it is.
+    /// The events that bring the device to `contacts`; empty without a change.
     fn frame(&mut self, contacts: &[Contact]) -> Vec<Event> {
         match self {
             Stream::Touch(it) => it.frame(contacts),
@@ -169,11 +169,11 @@ pub struct Uinput {
     period: Interval,
     slots: usize,
     stream: Stream,
-    /// None where the node is only checked, and where the device is missing and not required.
+    /// None while the node is only checked, and where the device is missing and not required.
     device: Option<Device>,
     missing: Option<String>,
     sent: Option<Time>,
-    /// What was sent last, and whether what is newer waits.
+    /// The contacts sent last, and whether newer ones wait.
     said: Vec<Contact>,
     waits: bool,
     n_frames: u64,
@@ -185,8 +185,7 @@ pub struct Uinput {
 impl Node for Uinput {
     const TYPE: &'static str = "laser_pointer.uinput";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Makes pointers on a wall a touch screen or a mouse of Linux, for every program on the desktop";
+    const SUMMARY: &'static str = "Turns pointers into a touch screen or mouse of this desktop (uinput, Linux only)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = UinputSettings;
 
@@ -269,14 +268,14 @@ impl Node for Uinput {
         report.figure("uinput.left_out", n_left_out as f64);
         report.figure("uinput.failed", self.n_failed as f64);
         if let Some(why) = &self.missing {
-            report.remark(format!("no program saw the pointers as an input device: {why}"));
+            report.remark(format!("the pointers were not available as an input device: {why}"));
         }
         if let Some(why) = &self.fault {
-            report.remark(format!("{} frames were not taken by the input device: {why}", self.n_failed));
+            report.remark(format!("{} frames were not accepted by the input device: {why}", self.n_failed));
         }
         if n_left_out > 0 {
             report.remark(format!(
-                "{n_left_out} presses found no slot on the input device: more than {} were held down; `slots` has room for more",
+                "{n_left_out} presses had no slot on the input device: {} were held down already; raise `slots`",
                 self.slots
             ));
         }

@@ -1,4 +1,4 @@
-//! The rectangle of the wall that outputs fill: what is 0 to 1 there.
+//! The rectangle of the wall that outputs use as the range from 0 to 1.
 
 use foveate::prelude::*;
 use nalgebra::{Point2, Vector2};
@@ -19,7 +19,8 @@ impl Wall {
     /// A scale without a working volume, or one without an area.
     pub(crate) fn of(setup: &Setup) -> Result<Wall, ConfigError> {
         let Some([min, max]) = setup.volume_m else {
-            let message = "found a scale without a working volume, expected `volume_m` of the scale to say where the wall begins and ends";
+            let message =
+                "found a scale without a working volume, expected `volume_m` of the scale with the wall's extent";
             return Err(ConfigError::node(message));
         };
         let corner = Point2::new(min[0], min[1]);
@@ -31,7 +32,7 @@ impl Wall {
         Ok(Wall { corner, size })
     }
 
-    /// A point as parts of the wall's width and height; outside of 0 to 1 beyond its edges [–].
+    /// A point as shares of the wall's width and height; outside of 0 to 1 beyond its edges [–].
     pub(crate) fn part(&self, point: &Point2<f64>) -> Vector2<f64> {
         (point - self.corner).component_div(&self.size)
     }

@@ -1,4 +1,4 @@
-//! How soon a bumped camera is named among the eighteen of the simulated lab, and how often one is accused without reason.
+//! How soon a bumped camera is named among the eighteen of the simulated lab, and how often an unmoved camera is reported.
 //!
 //! `cargo bench -p foveate-led --bench camera_watch`; `-- 3600` for six quiet hours instead of one.
 
@@ -16,7 +16,7 @@ use foveate_sim::world::{SceneSettings, World};
 const RATE_HZ: f64 = 60.0;
 const BUMP_AT_S: f64 = 10.2;
 
-/// What the watch told of `lasts_s` of a person walking, with a bump of camera `bumped`.
+/// What the watch reported in `lasts_s` of a person walking, with a bump of camera `bumped`.
 fn watched(seed: u64, lasts_s: f64, bumped: Option<(usize, [f64; 3])>) -> Watch {
     let random = Random::new(seed);
     let world = World::new(SceneSettings::default(), &random.fork("world"));
@@ -67,7 +67,7 @@ fn main() {
     );
     println!(
         "{:>6} {:>6} {:>8} {:>10} {:>11} {:>16} {:>14}",
-        "mrad", "px", "named", "median s", "slowest s", "size error mrad", "others accused"
+        "mrad", "px", "named", "median s", "slowest s", "size error mrad", "others reported"
     );
     for mrad in [0.5, 1.0, 2.0, 5.0, 20.0] {
         let (mut delays, mut errors, mut shifts, mut others) = (Vec::new(), Vec::new(), Vec::new(), 0);
@@ -76,8 +76,8 @@ fn main() {
             let axis = [[0.2, 0.97, 0.1], [0.9, -0.4, 0.2], [-0.3, -0.9, 0.3]][index % 3];
             let norm = axis.iter().map(|it: &f64| it * it).sum::<f64>().sqrt();
             let watch = watched(index as u64 + 1, 30.0, Some((camera, axis.map(|it| it * mrad / norm))));
-            let told = watch.bumps().iter().find(|it| it.cameras == [camera]);
-            for other in watch.bumps().iter().filter(|it| Some(*it) != told) {
+            let found = watch.bumps().iter().find(|it| it.cameras == [camera]);
+            for other in watch.bumps().iter().filter(|it| Some(*it) != found) {
                 others += 1;
                 println!(
                     "        beside camera {camera}: {:?} at {:.1} s, {:.1} mrad, {:.2} px, {:.1} standard deviations",
@@ -88,9 +88,9 @@ fn main() {
                     other.sigmas
                 );
             }
-            delays.extend(told.map(|it| it.told_at.as_s() - BUMP_AT_S));
-            errors.extend(told.map(|it| (it.turn.norm() * 1e3 - mrad).abs()));
-            shifts.extend(told.map(|it| it.shift_px));
+            delays.extend(found.map(|it| it.detected_at.as_s() - BUMP_AT_S));
+            errors.extend(found.map(|it| (it.turn.norm() * 1e3 - mrad).abs()));
+            shifts.extend(found.map(|it| it.shift_px));
         }
         let middle = |list: &mut Vec<f64>| {
             list.sort_by(f64::total_cmp);
@@ -118,7 +118,7 @@ fn main() {
         "quiet, 6 seeds of {quiet_s} s: {alone} accusations, {undecided} undecided, {observations} observations, {turns} turns"
     );
     println!(
-        "largest change seen: {largest:.1} standard deviations (told from {} on)",
+        "largest change seen: {largest:.1} standard deviations (reported from {} on)",
         CameraWatchSettings::default().sigmas
     );
 }

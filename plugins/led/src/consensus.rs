@@ -1,12 +1,12 @@
-//! Points where lines of sight of several cameras meet, without a motion model and without knowing who is who.
+//! Points where lines of sight of several cameras meet, without a motion model and without identities.
 //!
-//! [Davis 2002 §3.6]: a real light is seen by several cameras along lines that meet within a tolerance; what one camera
-//! imagines is not. With many lights, lines of *different* lights meet by accident as well (a ghost). Therefore:
+//! [Davis 2002 §3.6]: a real light is seen by several cameras along lines that meet within a tolerance; detections
+//! of one camera alone are not. With many lights, lines of *different* lights meet by accident as well (a ghost). Therefore:
 //!
 //! 1. each pair of lines that comes close enough, at a sufficient angle, is a candidate;
 //! 2. its support is the number of cameras with a line through it (the nearest of each camera);
-//! 3. the best supported candidate is taken first, among equals the one whose lines meet best, and its lines are used
-//!    up, so that an accident has to live on what real lights left over.
+//! 3. the best supported candidate is taken first, among equals the one whose lines meet best, and its lines are removed,
+//!    so that ghosts can use only the remaining lines.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -19,9 +19,9 @@ use smallvec::SmallVec;
 /// A feature as a line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayObservation {
-    /// Who saw it.
+    /// The camera.
     pub camera: CameraId,
-    /// When.
+    /// The capture time.
     pub time: Time,
     /// In the world [m].
     pub ray: Ray,
@@ -29,11 +29,11 @@ pub struct RayObservation {
     pub pixel: Point2<f64>,
     /// Of the pixel [px²].
     pub covariance: Matrix2<f64>,
-    /// Its place in the list of features it came from.
+    /// Its index in its list of features.
     pub feature: usize,
 }
 
-/// What counts as a meeting.
+/// Conditions of a meeting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConsensusOptions {
     /// Lines this close to a point go through it [m].
@@ -47,9 +47,9 @@ pub struct ConsensusOptions {
 /// A point and the lines through it, at most one a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Meeting {
-    /// Least squares over the lines [m].
+    /// Least-squares point of the lines [m].
     pub position: Point3<f64>,
-    /// Places in the list of observations, ascending.
+    /// Indices in the list of observations, ascending.
     pub members: SmallVec<[usize; 20]>,
 }
 
@@ -66,7 +66,7 @@ struct Candidate {
     /// Sum of the squared distances of the supporting lines over their count [m²].
     spread: f64,
     position: Point3<f64>,
-    /// The pair it came from: makes the order complete, hence the result the same in every run.
+    /// The pair that proposed it: completes the order, so that the result is the same in every run.
     pair: (usize, usize),
 }
 
@@ -94,8 +94,8 @@ impl Eq for Candidate {}
 impl Consensus {
     /// Fills `found` with the meetings among `observations`, best first; no observation is in two of them.
     ///
-    /// `observations` must be grouped by camera. With `seeds`, each meeting was proposed by a line of that camera: the only one
-    /// that is new. `accept` says whether a point with that many cameras may be a light at all.
+    /// `observations` must be grouped by camera. With `seeds`, only lines of that camera propose meetings: the only ones
+    /// that are new. `accept` decides whether a point with that many cameras may be a light.
     pub fn find(
         &mut self,
         observations: &[RayObservation],

@@ -17,10 +17,10 @@ ports! {
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
 figures! {
-    "detector.features.*": count, neither, "Lights found, over all pictures of the camera";
-    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
-    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
-    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+        "detector.features.*": count, neither, "Lights found in all pictures of the camera";
+        "detector.pictures_searched.*": count, neither, "Pictures searched; the pictures of the three figures below are not among them";
+        "detector.pictures_learning.*": count, neither, "Pictures used only to learn the background";
+        "detector.pictures_flooded.*": count, low, "Pictures not searched because too much of them differed from the background";
     "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
 }
 
@@ -28,41 +28,41 @@ figures! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectorSettings {
-    /// Which plane of a colour picture is searched; the colour of the lights, or `max` where they differ [–].
+    /// Colour plane that is searched; the colour of the lights, or `max` where they differ [–].
     pub channel: ColourPlane,
     /// A pixel is lit when brighter than its learnt background by more than this: about three times the noise, and slow
     /// changes of the light [gray level].
     pub offset: u8,
-    /// No threshold is lower than this, however dark the background [gray level].
+    /// Lowest threshold, for dark backgrounds [gray level].
     pub min_threshold: u8,
-    /// The brightest pixel of a light, at least. The rim of a light, down to the threshold, sharpens its centre; what is no
-    /// brighter than a rim, such as a wall from which somebody has stepped away, is no light [gray level].
+    /// Smallest brightness of a light's brightest pixel. The rim of a light, down to the threshold, sharpens its centre; an area no
+    /// brighter than a rim, such as a wall that a person has uncovered, is no light [gray level].
     pub min_peak: u8,
-    /// Pictures that the background is learnt from; 0: nothing is learnt, and `min_threshold` holds everywhere, as it must for parts of
-    /// pictures that move [frames].
+    /// Pictures that the background is learnt from; 0: no background, and `min_threshold` is used everywhere, which moving parts of pictures
+    /// require [frames].
     #[schemars(range(min = 0, max = 10000))]
     pub learn_frames: u32,
-    /// The background of a pixel is the brightest that was learnt, less this many brighter ones: a light that moves on within
+    /// The background of a pixel is the brightest that was learnt, after this many brighter ones: a light that moves away within
     /// as many pictures leaves no trace. 0 is the paper's maximum; fewer than `learn_frames`, unless that is 0 [frames].
     #[schemars(range(min = 0, max = 15))]
     pub left_out_frames: u8,
-    /// What is given out until the background has been learnt for the first time: nothing, or what exceeds `min_threshold` [–].
+    /// Output until the background has been learnt for the first time: none, or what exceeds `min_threshold` [–].
     pub while_learning: WhileLearning,
-    /// When more than this part of the picture is lit, the room has changed and is learnt again [–].
+    /// When a larger part of the picture is lit, the room has changed and the background is learnt again [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relearn_fraction: f64,
-    /// How far the background of a pixel that has become darker sinks each time it is visited, once every 8 rows' worth of
+    /// How far the background of a pixel that has become darker is lowered per visit, once every 8 rows' worth of
     /// pictures; 0: never, as in the paper [gray level].
     pub sink: u8,
-    /// Which point of a spot is its centre: the mean of its light, or that of its pixels rounded to whole pixels, as in the
+    /// Centre of a spot: the mean of its light, or that of its pixels rounded to whole pixels, as in the
     /// paper [–].
     pub centroid: CentroidKind,
-    /// Regions in which nothing is searched, such as monitors: a list of polygons, each a list of corners (x, y) [px].
+    /// Regions that are not searched, such as monitors: a list of polygons, each a list of corners (x, y) [px].
     pub masks: Vec<Vec<[f64; 2]>>,
     /// `full`: every pixel; `sampled`: one row in `grid_px`, and windows where lights are expected [–].
     pub search: Search,
-    /// In a sampled search, the distance of the searched rows. They move on from picture to picture, so that a small light at
-    /// rest is found in one of this many [px].
+    /// In a sampled search, the distance of the searched rows. They shift from picture to picture, so that a small light at
+    /// rest is found within this many pictures [px].
     #[schemars(range(min = 1, max = 1000))]
     pub grid_px: u32,
     /// In a sampled search, the side of the windows in which every pixel is searched [px].
@@ -74,27 +74,27 @@ pub struct DetectorSettings {
     /// Largest spot kept; removes lamps and windows [px²].
     #[schemars(range(min = 1, max = 10000000))]
     pub max_area_px: u32,
-    /// Longer over shorter axis of a spot, at most; removes reflections on edges [–].
+    /// Largest ratio of a spot's longer to its shorter axis; removes reflections on edges [–].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub max_elongation: f64,
-    /// Part of its bounding box that a spot fills, at least; removes hollow and branched things [–].
+    /// Smallest part of its bounding box that a spot fills; removes hollow and branched objects [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_fill: f64,
-    /// Whether lights that touch are parted, and a light is told from skin or cloth that it touches and that is brighter than what was learnt behind it; not
+    /// Whether touching lights are separated, and a light is separated from touching skin or cloth that is brighter than the learnt background; not
     /// with whole pixels (`centroid = "integer"`), as in the paper [–].
     pub part: bool,
-    /// Spots of one picture, at most [–].
+    /// Most spots of one picture [–].
     #[schemars(range(min = 1, max = 10000))]
     pub max_features: u32,
-    /// Noise of a pixel, standard deviation: what the centres' covariance comes from [gray level].
+    /// Noise of a pixel, standard deviation, from which the centres' covariance follows [gray level].
     #[schemars(range(min = 0.0, max = 255.0))]
     pub pixel_noise: f64,
-    /// Lights of these colours get labels, in colour pictures: told by the flanks of a spot, whose middle may be full. Left out: none [–].
+    /// Lights of these colours get labels, in colour pictures: identified by the flanks of a spot, whose middle may be saturated. Left out: none [–].
     pub colours: Vec<LightColour>,
-    /// A light whose hue is farther than this from that of every colour, or as near to another one, has no label [deg].
+    /// A light whose hue is farther than this from every colour's, or nearly as near to a second one, has no label [deg].
     #[schemars(range(min = 1.0, max = 60.0))]
     pub hue_tolerance_deg: f64,
-    /// A light that is paler than this has no label: 0 is white, 1 light of one plane alone [–].
+    /// A paler light has no label: 0 is white, 1 light of one plane alone [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_saturation: f64,
 }
@@ -110,11 +110,11 @@ pub struct LightColour {
     pub hue_deg: f64,
 }
 
-/// Hues nearer to each other than this cannot be told apart [deg].
+/// Smallest distance of hues that can be distinguished [deg].
 const LEAST_APART_DEG: f64 = 15.0;
 
 impl Default for DetectorSettings {
-    /// The paper's grid, windows and rules; thresholds and sizes as they suit LEDs 2 m to 6 m from a camera of 640 × 240 px.
+    /// The paper's grid, windows and rules; thresholds and sizes for LEDs 2 m to 6 m from a camera of 640 × 240 px.
     fn default() -> Self {
         Self {
             channel: ColourPlane::Luma,
@@ -149,7 +149,7 @@ impl Default for DetectorSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ColourPlane {
-    /// Brightness as the eye weighs it.
+    /// Perceived brightness.
     Luma,
     /// Red.
     Red,
@@ -161,7 +161,7 @@ pub enum ColourPlane {
     Max,
 }
 
-/// Which point of a spot is its centre.
+/// Centre of a spot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CentroidKind {
@@ -181,22 +181,22 @@ pub enum Search {
     Sampled,
 }
 
-/// What is given out until the background has been learnt for the first time.
+/// Output until the background has been learnt for the first time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WhileLearning {
     /// Empty lists: the camera is alive, and sees nothing yet.
     Wait,
-    /// What exceeds the lowest threshold, clutter included; for recordings that begin with what is to be seen.
+    /// All spots above the lowest threshold, clutter included; for recordings that begin with the lights.
     Search,
 }
 
-/// Pictures in, lights out, each with a sub-pixel centre and its covariance; the camera's, in scan order.
+/// Pictures in, lights out in scan order, each with a sub-pixel centre and its covariance.
 ///
-/// Parts of pictures may come instead, such as those of `select.crop`: what is found is in pixels of the whole.
+/// Parts of pictures, such as those of `select.crop`, are allowed: the output is in pixels of the whole picture.
 ///
-/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size or a broken one, and one in
-/// which so much is lit that hardly any of it can be a light, is a gap on the output; the detector goes on with the next.
+/// Nothing seen, or the background not learnt yet: an empty list. A picture of the wrong size, a broken picture, and a picture
+/// with too much light are gaps on the output; the detector continues with the next picture.
 pub struct Detector {
     led_detector: LedDetector,
     shell: DetectorShell,
@@ -237,10 +237,10 @@ impl Node for Detector {
 }
 
 impl DetectorSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("learn_frames", self.learn_frames, 0..=10_000)?;
         ConfigError::unless_in("left_out_frames", self.left_out_frames, 0..=15)?;

@@ -1,8 +1,8 @@
 //! Lights in the pictures of one camera: threshold, search, centroid [Davis 2002 §3.3].
 //!
 //! One picture at a time: its plane, a search of the whole picture or of a sparse grid and of windows where lights are
-//! expected, and what the picture teaches about the background. Windows lie where a light was in the last picture, where
-//! it would be had it gone on at its speed in the image, and where the integrator's targets should be.
+//! expected, and an update of the background. Windows lie where a light was in the last picture, where
+//! it would be at constant speed in the image, and at the integrator's predicted targets.
 
 #[cfg(test)]
 mod tests;
@@ -25,7 +25,7 @@ const CLEARER: f64 = 2.0;
 /// The detector of one camera.
 pub struct LedDetector {
     settings: DetectorSettings,
-    /// Of the camera's pictures.
+    /// Size of the camera's pictures.
     size: PictureSize,
     /// Where the jittered grid starts.
     phase: u64,
@@ -41,12 +41,12 @@ pub struct LedDetector {
     now: Vec<Moving>,
 }
 
-/// What depends on the size of the pictures.
+/// Buffers that depend on the size of the pictures.
 struct OfSize {
     size: [u32; 2],
-    /// Which part of the camera's pictures they show.
+    /// The part of the camera's pictures that they cover.
     part: messages::Window,
-    /// `None`: nothing is learnt, `floor` is all there is.
+    /// `None`: no background, only `floor`.
     background: Option<Background>,
     /// The lowest threshold everywhere, with the masks.
     floor: ThresholdMap,
@@ -62,7 +62,7 @@ struct Moving {
 /// Why a picture could not be searched.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Refusal {
-    /// Another size than the camera's.
+    /// The picture's size differs from the camera's.
     WrongSize {
         /// Columns, rows [px].
         expected: [u32; 2],
@@ -78,16 +78,16 @@ pub enum Refusal {
         /// Where it is.
         part: messages::Window,
     },
-    /// Another part than the one that the background was learnt for.
+    /// The part differs from the one that the background was learnt from.
     Moved {
         /// The background's.
         learnt: messages::Window,
         /// The picture's.
         found: messages::Window,
     },
-    /// The settings ask for a colour, or for labels by colour, and the picture has none.
+    /// The settings need colour, and the picture is gray.
     NoColour,
-    /// The pixels are not what the size promises.
+    /// The number of pixels does not match the size.
     Broken(ImagingError),
 }
 
@@ -102,12 +102,12 @@ impl std::fmt::Display for Refusal {
             }
             Refusal::Moved { learnt: a, found: b } => write!(
                 f,
-                "the picture begins at ({}, {}), 1/{} of the size, the background was learnt from ({}, {}), 1/{}: where parts of pictures \
-                 move, nothing can be learnt, set `learn_frames = 0`",
+                "the picture begins at ({}, {}), 1/{} of the size, but the background was learnt from ({}, {}), 1/{}: for moving parts of pictures \
+                 set `learn_frames = 0`",
                 b.left, b.top, b.shrink, a.left, a.top, a.shrink
             ),
             Refusal::NoColour => f.write_str(
-                "the picture is gray and `channel` or `colours` name a colour: let the source give colour (`format = \"rgb\"`), or set \
+                "the picture is gray, but `channel` or `colours` name a colour: let the source deliver colour (`format = \"rgb\"`), or set \
                  `channel = \"luma\"` without `colours`",
             ),
             Refusal::Broken(error) => write!(f, "{error}"),
@@ -166,7 +166,7 @@ impl LedDetector {
     /// searched in a sampled search. All in pixels of the camera; of parts of its pictures the settings' sizes are in pixels of the part.
     ///
     /// # Errors
-    /// A picture that is none, has another size, or is a part that moves while a background is learnt; what was learnt stays, and `features` is empty.
+    /// A picture that is broken, has another size, or is a moving part while a background is learnt; the background stays as it was, and `features` is empty.
     pub fn find(
         &mut self,
         image: &Image,
@@ -246,7 +246,7 @@ impl LedDetector {
         Ok(Outcome::Searched)
     }
 
-    /// Sees to it that what depends on the size is there for `size` and `part`.
+    /// Prepares the buffers for `size` and `part` where they are not there yet.
     fn fit(&mut self, size: [u32; 2], part: messages::Window) -> Result<(), Refusal> {
         if let Some(other) = self.of_size.as_ref().filter(|it| it.part != part) {
             if other.background.is_some() {
@@ -270,7 +270,7 @@ impl LedDetector {
         Ok(())
     }
 
-    /// The same of whole pictures.
+    /// As [`Self::fit`], for whole pictures.
     fn fit_size(&mut self, size: [u32; 2]) -> Result<(), Refusal> {
         let present = self.of_size.as_ref().map(|it| it.size);
         let wrong = |expected| Refusal::WrongSize { expected, found: size };
@@ -305,7 +305,7 @@ impl LedDetector {
         Ok(OfSize { size, part, background, floor })
     }
 
-    /// Finds out how far each light of this picture, which shows `part`, has moved since the last one.
+    /// Finds the motion of each light of this picture, which shows `part`, since the last one.
     fn follow(&mut self, part: messages::Window) {
         let reach = f64::from(self.settings.window_px) * f64::from(part.shrink);
         self.now.clear();
@@ -321,7 +321,7 @@ impl LedDetector {
 }
 
 impl DetectorSettings {
-    /// The label of light of that hue: of the nearest colour, where no other one is nearly as near.
+    /// The label of a hue: of the nearest colour, where no other one is nearly as near.
     fn label(&self, hue: &Hue) -> Option<u32> {
         let off = |it: &LightColour| hue_between(hue.deg, it.hue_deg).abs();
         let nearest = self.colours.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
@@ -331,7 +331,7 @@ impl DetectorSettings {
     }
 }
 
-/// `None`: nothing is to be learnt.
+/// `None`: no background.
 fn background_config(settings: &DetectorSettings) -> Option<BackgroundConfig> {
     (settings.learn_frames > 0).then_some(BackgroundConfig {
         learn_frames: settings.learn_frames,

@@ -3,10 +3,10 @@
 //! | node | what it does |
 //! |---|---|
 //! | `led.detector` | finds bright lights in the pictures of one camera |
-//! | `led.integrator` | joins the lights of all cameras, each in its own time, into targets in space |
+//! | `led.integrator` | tracks targets in space from the lights of all cameras, each in its own time |
 //! | `led.triangulator` | the same for synchronised cameras, without a motion model: for comparison |
-//! | `led.clocks` | finds how far the clocks of cameras are apart, from the path of one target |
-//! | `led.camera_watch` | tells when a camera was bumped, and by how much |
+//! | `led.clocks` | estimates offset and rate of each camera's clock from the path of one target |
+//! | `led.camera_watch` | detects that a camera was bumped, and by how much |
 //! | `led.path_error` | compares recovered targets with a measured path, in metres |
 //! | `led.reprojection` | compares recovered targets with what the cameras saw, in pixels |
 //!
@@ -26,7 +26,7 @@ pub mod triangulator;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<detector::Detector>();
     registry.add::<integrator::Integrator>();

@@ -1,4 +1,4 @@
-//! `led.path_error`: recovered targets against a path that was measured by other means, read from a file.
+//! `led.path_error`: recovered targets compared with a path that was measured by other means, read from a file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ ports! {
 }
 
 figures! {
-    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it";
-    "*.coverage": share, high, "Rows with a target within covered_m, of all rows";
-    "*.with_target": share, high, "Rows with any target at all, of all rows";
-    "*.targets_mean": count, neither, "Targets at a row, mean over all rows: the nearest of many is close by accident";
+    "*.{median,p90,max}": m, low, "Distance of a row of the measured path from the nearest target of its time, over rows that have one; `figure` before it" => "target off the measured path";
+    "*.coverage": share, high, "Rows with a target within covered_m, of all rows" => "part of the measured path that is covered";
+        "*.with_target": share, high, "Rows with any target, of all rows";
+        "*.targets_mean": count, neither, "Targets at a row, mean over all rows: among many targets, the nearest is close by chance";
     "*.rows": count, neither, "Rows of the path between from_s and until_s";
 }
 
@@ -28,13 +28,13 @@ const MAX_ROWS: usize = 10_000_000;
 #[serde(deny_unknown_fields)]
 pub struct PathErrorSettings {
     /// Text file with a row `x y z` for each time, in metres, separated by blanks or commas; rows that begin with `#` and a first row
-    /// of words are passed over [–]
+    /// of words are ignored [–]
     pub path: String,
     /// Rows a second [Hz]
     #[serde(default = "default_rate_hz")]
     #[schemars(range(min = 0.001, max = 100000.0))]
     pub rate_hz: f64,
-    /// When the first row was measured, on the session's clock [s]
+    /// Session time of the first row [s]
     #[serde(default)]
     #[schemars(range(min = -1e6, max = 1e6))]
     pub start_s: f64,
@@ -46,7 +46,7 @@ pub struct PathErrorSettings {
     #[serde(default = "default_until_s")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub until_s: f64,
-    /// A row is compared with targets of at most this much before or after it, moved on by their velocity [ms]
+    /// Largest time between a row and the targets that it is compared with, extrapolated by their velocity [ms]
     #[serde(default = "default_within_ms")]
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub within_ms: f64,
@@ -54,7 +54,7 @@ pub struct PathErrorSettings {
     #[serde(default = "default_covered_m")]
     #[schemars(range(min = 0.000001, max = 1e6))]
     pub covered_m: f64,
-    /// First part of the names of the figures [–]
+    /// Prefix of the figures' names [–]
     #[serde(default = "default_figure")]
     pub figure: String,
 }
@@ -81,9 +81,9 @@ fn default_figure() -> String {
 
 /// For each row of the file, the distance to the nearest target of its time: `<figure>.median`, `.p90`, `.max`.
 ///
-/// Rows without any target have no error and so do not enter these; beside them stand `<figure>.coverage`, the part of all rows with a target
+/// Rows without any target have no error and are not included; `<figure>.coverage` is the part of all rows with a target
 /// within `covered_m`, `<figure>.with_target`, the part with any target at all, and `<figure>.targets_mean`, how many targets there
-/// were at a row: the nearest of many would be close by accident.
+/// were at a row: among many, the nearest is close by chance.
 pub struct PathError {
     rows: Vec<Point3<f64>>,
     /// Of the first row.

@@ -1,8 +1,7 @@
 //! `led.triangulator`: the synchronised alternative to the integrator, for comparison [Davis 2002 §3.4].
 //!
 //! Each set of frames of one time is solved on its own: points where lines of sight meet, each refined on its pixels by least
-//! squares, cameras that do not fit left out. Identity from set to set is by nearness alone, which is what the paper holds
-//! against it.
+//! squares, cameras that do not fit left out. Identity from set to set is by proximity alone, which the paper criticises.
 
 use foveate::geometry::{Camera, PixelNoise, Triangulation, refine};
 use foveate::prelude::*;
@@ -20,9 +19,9 @@ ports! {
 
 figures! {
     "triangulator.sets": count, neither, "Sets of synchronised frames";
-    "triangulator.targets": count, neither, "Targets given out, over all sets";
-    "triangulator.identities": count, neither, "Identities that targets were given";
-    "triangulator.outliers_rejected": count, low, "Lines of sight left out since they were more than outlier_px off";
+        "triangulator.targets": count, neither, "Targets sent, over all sets";
+        "triangulator.identities": count, neither, "Different identities of targets";
+        "triangulator.outliers_rejected": count, low, "Lines of sight left out because they were more than outlier_px off";
 }
 
 /// Settings of [`TriangulatorNode`]; lengths as for the integrator.
@@ -100,7 +99,7 @@ impl Triangulator {
         }
     }
 
-    /// Takes in one frame of the set that is being put together.
+    /// Takes in one frame of the present set.
     pub fn add(&mut self, time: Time, features: &Features) {
         let Some(camera) = self.cameras.get(usize::from(features.camera.0)) else { return };
         for (feature, &Feature { centre: pixel, covariance, .. }) in features.list.iter().enumerate() {
@@ -118,7 +117,7 @@ impl Triangulator {
         }
     }
 
-    /// Fills `targets` with what the set shows as of `time`, and begins the next set.
+    /// Fills `targets` with those of the set as of `time`, and begins the next set.
     pub fn solve(&mut self, time: Time, targets: &mut Targets) {
         targets.time = time;
         targets.list.clear();
@@ -211,7 +210,7 @@ impl Triangulator {
     }
 }
 
-/// Variance of a velocity about which nothing is known [m²/s²].
+/// Variance of an unknown velocity [m²/s²].
 const UNKNOWN_VELOCITY: f64 = 1e6;
 
 fn target(found: &Triangulation, cameras: CameraSet) -> Target {
@@ -230,8 +229,8 @@ fn target(found: &Triangulation, cameras: CameraSet) -> Target {
 
 /// Targets of each set of synchronised frames, without a motion model.
 ///
-/// Frames whose times lie within 4 ms make a set, and are taken to be of the latest time among them. The velocity is the step
-/// from the last set over its time, with a covariance that says it is not known.
+/// Frames whose times lie within 4 ms make a set, with the latest time among them. The velocity is the step
+/// from the last set over its time, with a covariance of an unknown velocity.
 pub struct TriangulatorNode {
     triangulator: Triangulator,
     pool: Pool<Targets>,
@@ -243,7 +242,7 @@ impl Node for TriangulatorNode {
     const TYPE: &'static str = "led.triangulator";
     const ROLE: Role = Role::Integrator;
     const SUMMARY: &'static str =
-        "Meets the lines of sight of synchronised cameras, without a motion model: for comparison";
+        "Triangulates lights from synchronised cameras without a motion model, for comparison";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 
@@ -288,10 +287,10 @@ impl Node for TriangulatorNode {
 }
 
 impl TriangulatorSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let check = ConfigError::unless_in::<f64>;
         check("tolerance_mm", self.tolerance_mm, 0.001..=1e6)?;

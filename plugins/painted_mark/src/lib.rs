@@ -7,7 +7,7 @@ pub mod tracker;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<tracker::TrackerNode>();
     registry.add::<integrator::Integrator>();

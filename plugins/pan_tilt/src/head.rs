@@ -1,7 +1,7 @@
-//! A head on its line: a [`Driver`], a port, and a thread that listens.
+//! A head on its line: a [`Driver`], a port, and a receiving thread.
 //!
-//! A command is written to the port by the thread that gives it: between command and line no thread has to wake. The listening
-//! thread reads, opens and re-opens the port, and sees to what is due.
+//! A command is written to the port by the thread that gives it: no other thread has to wake up in between. The receiving
+//! thread reads, opens and re-opens the port, and handles due actions.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,10 +17,10 @@ use crate::visca::{Command, OutOfRange};
 /// Reads the session clock; called from several threads.
 pub type Clock = Arc<dyn Fn() -> Time + Send + Sync>;
 
-/// The longest time without a look at what is due.
+/// Longest time between checks for due actions.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
 
-/// A head that is driven. The port is closed when it is dropped.
+/// A running head. The port is closed when it is dropped.
 pub struct Head {
     shared: Arc<Shared>,
     listener: Option<JoinHandle<()>>,
@@ -38,7 +38,7 @@ struct Driven {
 }
 
 impl Head {
-    /// Begins to open the port and to greet the head. What comes of it is told by [`events`](Self::events).
+    /// Begins to open the port and to greet the head. The outcome comes as [`events`](Self::events).
     pub fn start(driver: Driver, port: Port, clock: Clock) -> Head {
         let driven = Mutex::new(Driven { driver, sender: None });
         let shared = Arc::new(Shared { clock, stop: AtomicBool::new(false), driven });
@@ -49,10 +49,10 @@ impl Head {
         Head { shared, listener: Some(listener) }
     }
 
-    /// Tells the head to do something, see [`Driver::command`]. If line and head have room it is written before this returns.
+    /// Gives a command, see [`Driver::command`]. If line and head have room it is written before this returns.
     ///
     /// # Errors
-    /// A number that this model has no room for.
+    /// A number out of the model's range.
     pub fn command(&self, command: Command) -> Result<CommandId, OutOfRange> {
         let mut driven = self.shared.lock();
         let now = (self.shared.clock)();
@@ -61,23 +61,23 @@ impl Head {
         Ok(id)
     }
 
-    /// What happened since the last call, oldest first.
+    /// Events since the last call, oldest first.
     pub fn events(&self) -> Vec<Event> {
         let mut driven = self.shared.lock();
         std::iter::from_fn(|| driven.driver.next_event()).collect()
     }
 
-    /// How things are with the head.
+    /// State of the link.
     pub fn link(&self) -> Link {
         self.shared.lock().driver.link().clone()
     }
 
-    /// Whether every command was sent and done.
+    /// Whether every command was sent and completed.
     pub fn is_idle(&self) -> bool {
         self.shared.lock().driver.is_idle()
     }
 
-    /// What has been counted.
+    /// Counts so far.
     pub fn counts(&self) -> Counts {
         self.shared.lock().driver.counts()
     }
@@ -123,7 +123,7 @@ impl Shared {
         }
     }
 
-    /// Opens the port if it is time to.
+    /// Opens the port if it is due.
     fn open(&self, port: &Port) -> Option<Box<dyn Receiver>> {
         let is_due = self.lock().driver.open_at().is_some_and(|it| (self.clock)() >= it);
         if !is_due {
@@ -147,7 +147,7 @@ impl Shared {
         }
     }
 
-    /// Until something is due, but never for long: a command of another thread may bring the moment forward.
+    /// Time until the next due action, but short: a command of another thread may be earlier.
     fn wait(&self) -> Duration {
         let due = self.lock().driver.wake();
         let nanoseconds = due.map_or(i64::MAX, |it| (it - (self.clock)()).0);

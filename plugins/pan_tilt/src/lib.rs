@@ -3,20 +3,20 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`visca`] | the protocol of Sony's heads: bytes to meaning and back |
-//! | [`driver`] | what is sent when, what is made of replies: no line, no clock |
+//! | [`driver`] | the state machine of sending and of replies: no line, no clock |
 //! | [`port`] | serial ports and UDP sockets |
-//! | [`head`] | a driver on its port, with a thread that listens |
+//! | [`head`] | a driver on its port, with a receiving thread |
 //! | [`actuator`] | such a head as a node |
 //! | [`follow`] | a head that stays on a target: prediction, aim, speed |
 //!
 //! | node | what it does |
 //! |---|---|
 //! | `pan_tilt.selector` | keeps a head on a target |
-//! | `pan_tilt.head` | drives a head, real or simulated, and reports where it looks |
-//! | `pan_tilt.sweep` | drives a head over settings while a light is waved |
-//! | `pan_tilt.calibrator` | finds the axes of heads from that |
-//! | `pan_tilt.pose` | tells where its camera stood at each picture |
-//! | `pan_tilt.allocator` | gives several targets their heads |
+//! | `pan_tilt.head` | drives a head, real or simulated, and reports its pan and tilt |
+//! | `pan_tilt.sweep` | drives a head through settings while a light is waved |
+//! | `pan_tilt.calibrator` | calibrates the axes of heads from that |
+//! | `pan_tilt.pose` | computes the pose of its camera at each picture |
+//! | `pan_tilt.allocator` | allocates heads to several targets |
 
 pub mod actuator;
 pub mod allocator;
@@ -35,7 +35,7 @@ pub mod visca;
 use foveate::prelude::{CameraId, ConfigError, Registry, Setup};
 use foveate::scene::heads::CalibratedHead;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<selector::Selector>();
     registry.add::<actuator::Actuator>();
@@ -49,7 +49,7 @@ pub fn register(registry: &mut Registry) {
 pub(crate) fn head_of(setup: &Setup) -> Result<(CameraId, CalibratedHead), ConfigError> {
     let Some(camera) = setup.camera else {
         return Err(ConfigError::node(
-            "found no camera, expected `each` or `camera` to name cameras of the calibration that stand on heads",
+            "found no camera, expected `each` or `camera` to name cameras of the calibration that are on heads",
         ));
     };
     let head = setup.head_model().ok_or_else(|| {

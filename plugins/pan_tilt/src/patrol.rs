@@ -1,25 +1,25 @@
-//! Where a head looks while it has no target.
+//! Motion of a head without a target.
 
 use foveate::prelude::{HeadOrder, Interval, Time};
 
 use crate::control::ControlSettings;
 
-/// Places that are visited while there is no target.
+/// Settings that are visited while there is no target.
 #[derive(Debug)]
 pub(crate) struct Patrol {
     /// [rad].
     places: Vec<[f64; 2]>,
     speed: f64,
     stay: Interval,
-    /// Where it goes, since when, and since when it has been there.
+    /// Index of the present setting, start of the motion to it, and arrival.
     at: usize,
     sent: Option<Time>,
     arrived: Option<Time>,
 }
 
-/// A head is at a place of its patrol when it says that it is this close [rad].
+/// Largest distance of a head that has arrived at a setting [rad].
 const ARRIVED: f64 = 0.01;
-/// A place that was not reached in this time is left out this time.
+/// Time after which a setting that was not reached is skipped.
 const PATROL_PATIENCE: Interval = Interval(10_000_000_000);
 
 impl Patrol {
@@ -34,12 +34,12 @@ impl Patrol {
         }
     }
 
-    /// A target took the head away: the place that it was on its way to is the next again.
+    /// A target interrupts the patrol: the present setting is the next again.
     pub fn leave(&mut self) {
         (self.sent, self.arrived) = (None, None);
     }
 
-    /// What the head, which stands at `angles` as far as is known, is told now.
+    /// The order now for the head at `angles`, as far as known.
     pub fn step(&mut self, now: Time, angles: Option<[f64; 2]>) -> Option<HeadOrder> {
         let place = *self.places.get(self.at)?;
         let Some(sent) = self.sent else {

@@ -1,4 +1,4 @@
-//! Lines to heads: serial ports and UDP sockets, each with one end to send and one to receive.
+//! Lines to heads: serial ports and UDP sockets, each with a sender and a receiver.
 
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
@@ -7,14 +7,14 @@ use std::time::Duration;
 
 use crate::driver::Medium;
 
-/// Where a head is reached.
+/// Port of a head.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Port {
     /// A serial port by its path, 8 data bits, no parity, 1 stop bit.
     Serial {
-        /// `/dev/ttyUSB0`, better a lasting name under `/dev/serial/by-id`.
+        /// `/dev/ttyUSB0`, preferably a lasting name under `/dev/serial/by-id`.
         path: PathBuf,
-        /// Bits a second: 9600 with most heads, some can be set to 38400.
+        /// Baud rate: 9600 for most heads, some support 38400.
         baud: u32,
     },
     /// VISCA over IP. The name is looked up each time the port is opened.
@@ -34,7 +34,7 @@ pub(crate) trait Sender: Send {
 
 /// The end that receives.
 pub(crate) trait Receiver: Send {
-    /// Waits for bytes, at most for `wait`; how many came, 0 if none did.
+    /// Waits for bytes, at most for `wait`; returns their number, 0 if none came.
     fn receive(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize>;
 }
 
@@ -78,7 +78,7 @@ fn open_udp(address: &str) -> io::Result<Ends> {
         SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0))
     };
     let socket = UdpSocket::bind(any)?;
-    // Connected: datagrams of others are not received, and an absent head may be told by its host.
+    // Connected: datagrams of others are not received, and an absent head may be reported by its host.
     socket.connect(address)?;
     let receiver = Datagrams { socket: socket.try_clone()? };
     Ok((Box::new(Datagrams { socket }), Box::new(receiver)))
@@ -88,7 +88,7 @@ struct Datagrams {
     socket: UdpSocket,
 }
 
-/// Nothing came in time, or "port unreachable" for an earlier datagram: a head on the network that is not there is silent, not a lost port.
+/// A time-out, or "port unreachable" for an earlier datagram: a missing head on the network is silent, not a lost port.
 fn is_nothing(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, TimedOut, WouldBlock};
     matches!(error.kind(), WouldBlock | TimedOut | Interrupted | ConnectionRefused | ConnectionReset)

@@ -1,4 +1,4 @@
-//! `pan_tilt.pose`: where the camera on a head stood when each of its pictures was taken.
+//! `pan_tilt.pose`: the pose of the camera on a head when each of its pictures was taken.
 
 use foveate::estimation::{ActuatorEstimator, ActuatorOptions};
 use foveate::geometry::pan_tilt::{PanTiltHead, Setting};
@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix2, Point3, SMatrix, Vector4, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::control::hear;
+use crate::control::take_event;
 use crate::target_anchor::TargetAnchor;
 
 ports! {
@@ -20,17 +20,17 @@ ports! {
 }
 
 figures! {
-    "heads.*.pose_latency_ms": ms, neither, "From a command to the first movement of that head, as estimated at the end";
-    "heads.*.pose_latency_sigma_ms": ms, low, "Standard deviation of that";
-    "heads.*.sighted": share, high, "Pictures in which the target told where the head stood, of those with a pose";
-    "heads.*.pictures_without_pose": count, low, "Pictures before the head had answered where it stands";
+    "heads.*.pose_latency_ms": ms, neither, "Latency from a command to the first movement of that head, as estimated at the end";
+        "heads.*.pose_latency_sigma_ms": ms, low, "Standard deviation of that latency";
+        "heads.*.sighted": share, high, "Pictures whose pose was corrected by the target, of those with a pose";
+        "heads.*.pictures_without_pose": count, low, "Pictures before the head's first position answer";
 }
 
-/// A feature is the target's within this many standard deviations of where it is expected …
+/// Largest distance of the target's feature from its prediction [standard deviations] …
 const GATE_SIGMAS: f64 = 4.0;
-/// … if no other one is within this many.
+/// … if no other feature is this near.
 const ALONE_SIGMAS: f64 = 12.0;
-/// A target is not carried further than this to the time of a picture [s].
+/// Longest extrapolation of a target to the time of a picture [s].
 const FARTHEST_S: f64 = 0.1;
 
 /// Step of derivatives [rad, m].
@@ -40,16 +40,16 @@ const STEP: f64 = 1e-6;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PoseSettings {
-    /// From a command on the line to the first movement, as far as it is known beforehand [ms].
+    /// Initial latency from a command on the line to the first movement [ms].
     #[schemars(range(min = 0.0, max = 800.0))]
     pub latency_ms: f64,
-    /// How fast the head speeds up and brakes, roughly; the estimate finds out [°/s²].
+    /// Approximate acceleration of the head; it is estimated during the run [°/s²].
     #[schemars(range(min = 10.0, max = 10_000.0))]
     pub acceleration_deg_per_s2: f64,
-    /// What pan and tilt of the head's answers are rounded to [°].
+    /// Resolution of the head's answers for pan and tilt [°].
     #[schemars(inner(range(min = 1e-6, max = 10.0)))]
     pub quantum_deg: [f64; 2],
-    /// How much the camera shakes beyond what the motors do, standard deviation [°].
+    /// Vibration of the camera beyond the motors' motion, standard deviation [°].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub shake_deg: f64,
 }
@@ -61,10 +61,10 @@ impl Default for PoseSettings {
     }
 }
 
-/// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. How, tells [`ActuatorEstimator`].
+/// The pose of a head at the capture time of each picture, with uncertainty; the paper's weak point [Davis 2002 §5.2]. See [`ActuatorEstimator`].
 ///
-/// With `features` and `target` connected, a picture that has the scale's target, and nothing else near it, tells itself how far the head was off: the
-/// target's place is known from the scale above.
+/// With `features` and `target` connected, a picture with the scale's target, and no other feature near it, corrects the head's pose: the
+/// target's position is known from the scale above.
 pub struct Pose {
     camera: CameraId,
     name: String,
@@ -80,18 +80,18 @@ pub struct Pose {
     n_unknown: u64,
 }
 
-/// Both angles and how well they are known [rad, rad²].
+/// Both angles and their covariance [rad, rad²].
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Standing {
     angles: [f64; 2],
     covariance: Matrix2<f64>,
 }
 
-/// What a picture says of the head that it was taken from.
+/// Observation of the head's angles by a picture.
 struct Observation {
-    /// Together with what was foreseen.
+    /// Combined with the prediction.
     standing: Standing,
-    /// By the picture alone, and how well that is known.
+    /// By the picture alone, with its uncertainty.
     seen: [f64; 2],
     variances: [f64; 2],
 }
@@ -100,7 +100,7 @@ impl Node for Pose {
     const TYPE: &'static str = "pan_tilt.pose";
     const ROLE: Role = Role::ModelFilter;
     const SUMMARY: &'static str =
-        "Where a camera on a head stood at each picture: from commands, answers and the head's latency";
+        "Computes the pose of a head's camera at each picture from commands, answers and latency";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PoseSettings;
 
@@ -142,7 +142,7 @@ impl Node for Pose {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         if let Some(report) = io.take(&REPORT) {
             for (at, event) in report.value.since(&mut self.next_event) {
-                hear(&mut self.actuator, *at, event);
+                take_event(&mut self.actuator, *at, event);
                 if let HeadEvent::Zoom(zoom) = event {
                     self.zoom = Some(*zoom);
                 }
@@ -176,11 +176,11 @@ impl Node for Pose {
 
 impl Pose {
     fn tell(&mut self, stamp: Stamp, features: Option<&Features>, io: &mut Io<'_>) {
-        // A head that was never heard may stand anywhere.
+        // A head without a report may be anywhere.
         let state = self.actuator.last_answer_s().and_then(|last| Some((last, self.actuator.at(stamp.time.as_s())?)));
         let Some((last, state)) = state else {
             self.n_unknown += 1;
-            return io.gap(&POSE, stamp.time, "the head has not said yet where it stands");
+            return io.gap(&POSE, stamp.time, "the head has not reported its position yet");
         };
         let foreseen = Standing { angles: state.angles, covariance: Matrix2::from_diagonal(&state.variances.into()) };
         let observation = features.and_then(|it| self.observation(it, stamp.time, &foreseen));
@@ -198,7 +198,7 @@ impl Pose {
         io.emit(&POSE, stamp, pose);
     }
 
-    /// Where the head stands by the one feature that is the target's, if there is one.
+    /// The head's angles from the target's feature, if there is exactly one.
     fn observation(&self, features: &Features, time: Time, foreseen: &Standing) -> Option<Observation> {
         let target = self.target.as_ref()?;
         let since = time - self.target_time;
@@ -274,8 +274,8 @@ impl Pose {
         ])
     }
 
-    /// δ of the camera's pose by the unknowns of the calibration, in the order of its covariance. A turn of the camera at rest turns it at any setting:
-    /// both stand in the world.
+    /// δ of the camera's pose by the unknowns of the calibration, in the order of its covariance. A rotation of the camera's rest pose rotates it at any setting:
+    /// both are in the world.
     fn by_unknowns(&self, setting: &Setting, by_angles: &SMatrix<f64, 6, 2>) -> SMatrix<f64, 6, 16> {
         let mut by = SMatrix::<f64, 6, 16>::zeros();
         by.fixed_view_mut::<6, 6>(0, 0).fill_with_identity();

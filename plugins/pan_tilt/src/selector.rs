@@ -19,16 +19,16 @@ ports! {
 }
 
 figures! {
-    "heads.*.commands": count, neither, "Commands given to that head for a target";
-    "heads.*.patrolled": count, neither, "Commands given to that head while it had no target: places of its patrol";
-    "heads.*.out_of_reach": count, low, "Of these, commands for a target beyond the head's limits: it goes to them";
-    "heads.*.target_changes": count, low, "Changes from one target to another; the first one is left out";
-    "heads.*.latency_ms": ms, neither, "From a command on the line to the first movement, as estimated at the end";
-    "heads.*.latency_sigma_ms": ms, low, "Standard deviation of that";
+        "heads.*.commands": count, neither, "Commands given to that head for a target";
+        "heads.*.patrolled": count, neither, "Commands given to that head for its patrol while it had no target";
+        "heads.*.out_of_reach": count, low, "Commands for a target beyond the head's limits, where it stops";
+        "heads.*.target_changes": count, low, "Changes from one target to another, without the first target";
+    "heads.*.latency_ms": ms, neither, "Latency from a command on the line to the first movement, as estimated at the end";
+        "heads.*.latency_sigma_ms": ms, low, "Standard deviation of that latency";
 }
 
-/// Which target, and how its head is led to it: see [`HeadController`]. Where the target is of a scale that itself moves, `spaces` takes the anchors of
-/// that scale and of those around it: heads stand in the world.
+/// Selects the target and controls its head, see [`HeadController`]. Where the target is of a moving scale, `spaces` takes the anchors of
+/// that scale and of those around it: heads are in the world.
 pub struct Selector {
     controller: HeadController,
     camera: CameraId,
@@ -36,13 +36,13 @@ pub struct Selector {
     radius: f64,
     fixed: Option<TargetId>,
     anchor: TargetAnchor,
-    /// Where the scale is whose target is followed, if that moves.
+    /// Pose of the target's scale, if that moves.
     spaces: Option<(Spaces, ScaleId)>,
     following: Option<TargetId>,
     next_event: u64,
     counts: Counts,
     patrol: Patrol,
-    /// When a target was there last, and after how long without one it is lost.
+    /// Time of the last target, and the time after which a target is lost.
     seen: Option<Time>,
     lost: Interval,
 }
@@ -59,7 +59,7 @@ struct Counts {
 impl Node for Selector {
     const TYPE: &'static str = "pan_tilt.selector";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it, aims, and leads the head";
+    const SUMMARY: &'static str = "Keeps a pan-tilt head on a target: predicts it and compensates the head's latency";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ControlSettings;
 
@@ -81,7 +81,7 @@ impl Node for Selector {
         }
         if settings.fill > 0.0 && radius <= 0.0 {
             let message = format!(
-                "found {} without a radius, expected `radius_m` here or at the scale: the zoom is chosen by it",
+                "found {} without a radius, expected `radius_m` here or at the scale: the zoom depends on it",
                 settings.fill
             );
             return Err(ConfigError::at("fill", message));
@@ -91,7 +91,7 @@ impl Node for Selector {
         if let Some([pan, tilt]) = settings.patrol_deg.iter().find(is_beyond) {
             let degrees = |it: [f64; 2]| it.map(f64::to_degrees);
             let message = format!(
-                "found pan {pan}, tilt {tilt}, expected what the head of {} can reach: pan {:.0?}, tilt {:.0?}",
+                "found pan {pan}, tilt {tilt}, expected the range of the head of {}: pan {:.0?}, tilt {:.0?}",
                 setup.camera_name().unwrap_or_default(),
                 degrees(limits.pan),
                 degrees(limits.tilt)
@@ -118,7 +118,7 @@ impl Node for Selector {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(targets) = io.take(&TARGET) else { return Ok(()) };
         if let Some(report) = io.latest(&HEAD) {
-            self.controller.hear(report.value, &mut self.next_event);
+            self.controller.take_report(report.value, &mut self.next_event);
         }
         let assigned = io.latest(&ASSIGNMENT).map(|it| it.value.target_of(self.camera));
         let anchored = self.anchor.target(&targets.value).map(|it| it.id);
@@ -186,15 +186,15 @@ impl Node for Selector {
             report.figure(format!("heads.{name}.patrolled"), patrolled as f64);
         }
         if commands == 0 {
-            let told = if patrolled > 0 { "only looked around" } else { "was never told anything" };
-            report.remark(format!("The head of `{name}` {told}: no target was found for it."));
+            let what = if patrolled > 0 { "only patrolled" } else { "got no command" };
+            report.remark(format!("The head of `{name}` {what}: no target was found for it."));
         }
         Ok(())
     }
 }
 
 impl Selector {
-    /// Without a target, and some time after the last one was there.
+    /// Patrols while there is no target, some time after the last one.
     fn go_on_patrol(&mut self, io: &mut Io<'_>, time: Time) {
         let now = io.now();
         if self.seen.is_some_and(|it| now - it <= self.lost) {
@@ -212,7 +212,7 @@ impl Selector {
         }
     }
 
-    /// The target in the world; `None` where it is so already, `Some(None)` while it is not known where its scale is.
+    /// The target in the world; `None` where it is there already, `Some(None)` while its scale's pose is unknown.
     fn in_world(&mut self, io: &Io<'_>, targets: &Targets, target: &Target) -> Option<Option<Target>> {
         let (spaces, parent) = self.spaces.as_mut()?;
         io.latest_of_each(&SPACES).for_each(|it| spaces.learn(it.value));
@@ -228,7 +228,7 @@ fn parent_space(setup: &Setup) -> Result<Option<(Spaces, ScaleId)>, ConfigError>
     if moves && !setup.is_connected(&SPACES) {
         let name = tree.place(parent).map_or("", |it| it.name.as_str());
         return Err(ConfigError::node(format_args!(
-            "found nothing at `spaces`, expected `spaces = \"{name}.anchor.space\"`: the scale `{name}` moves, and heads stand in the world"
+            "found no input `spaces`, expected `spaces = \"{name}.anchor.space\"`: the scale `{name}` moves, and heads are in the world"
         )));
     }
     Ok(moves.then(|| (Spaces::new(tree), parent)))

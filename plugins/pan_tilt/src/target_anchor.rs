@@ -1,14 +1,14 @@
-//! The target that a node's scale is anchored to, among those of the scale above.
+//! Selection of the target that a node's scale is anchored to, among those of the scale above.
 
 use foveate::prelude::{Provenance, Setup, Target, Targets};
 use foveate::scene::anchor::{Anchor, AnchorRule, AnchorState, TargetObservation};
 use nalgebra::Vector3;
 
-/// Follows the anchor of a scale by its rule; in a scale without one, the target that has lived longest.
+/// Applies the anchor rule of a scale; in a scale without one, selects the target that has lived longest.
 #[derive(Debug, Clone)]
 pub(crate) struct TargetAnchor {
     anchor: Anchor,
-    /// From the target to what is followed, in the axes of the scale above [m].
+    /// From the target to the tracked point, in the axes of the scale above [m].
     pub offset: Vector3<f64>,
 }
 
@@ -19,7 +19,7 @@ impl TargetAnchor {
         TargetAnchor { anchor, offset: rule.offset }
     }
 
-    /// Which one it is now, if it is not lost.
+    /// The selected target, if it is not lost.
     pub fn target<'t>(&mut self, targets: &'t Targets) -> Option<&'t Target> {
         let observations = targets.list.iter().map(|it| TargetObservation {
             id: it.id.0,

@@ -1,4 +1,4 @@
-//! `select.crop`: follows a target with a part of a high-resolution picture [Davis 2002 §2.2].
+//! `select.crop`: tracks a target with a part of a high-resolution picture [Davis 2002 §2.2].
 
 use foveate::geometry::Camera;
 use foveate::imaging::{Channel, ImageView, plane, shrink};
@@ -19,27 +19,27 @@ ports! {
 }
 
 figures! {
-    "crop.pictures.*": count, high, "Pictures of the camera that a part was cut out of";
-    "crop.lost.*": count, low, "Pictures without: there was no target";
-    "crop.out_of_view.*": count, low, "Pictures without: the target was out of the picture";
-    "crop.refused.*": count, low, "Pictures that could not be read";
-    "crop.pixels_kept.*": share, low, "Pixels given out, of the part and of the whole made smaller, over the pixels that came in";
+        "crop.pictures.*": count, high, "Pictures of the camera from which a part was cut out";
+        "crop.lost.*": count, low, "Pictures without a part because there was no target";
+        "crop.out_of_view.*": count, low, "Pictures without a part because the target was out of view";
+        "crop.refused.*": count, low, "Pictures that could not be used: wrong size or pixels";
+        "crop.pixels_kept.*": share, low, "Pixels sent, in parts and in reduced pictures, relative to the pixels received";
 }
 
 /// Settings of [`Crop`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CropSettings {
-    /// Columns of the part that follows the target; as many as the picture has where that has fewer [px].
+    /// Columns of the part around the target; at most those of the picture [px].
     #[schemars(range(min = 1, max = 65535))]
     pub width_px: u32,
-    /// Rows of that part [px].
+    /// Rows of the part [px].
     #[schemars(range(min = 1, max = 65535))]
     pub height_px: u32,
-    /// How many times smaller the whole picture is given out, to find targets in; 0: not at all [–].
+    /// Reduction factor of the whole picture that is sent as well, to find targets in; 0: none [–].
     #[schemars(range(min = 0, max = 16))]
     pub shrink: u32,
-    /// The identity of the target that is followed. Left out: the one that carries the scale, or in a scale without an anchor the one that has
+    /// Identity of the tracked target. Left out: the one that anchors the scale, or in a scale without an anchor the one that has
     /// lived longest [–].
     pub target: Option<u32>,
 }
@@ -50,8 +50,8 @@ impl Default for CropSettings {
     }
 }
 
-/// Pictures in; out a part of each at full resolution, with the target in the middle or as near to it as the picture reaches, and the whole of
-/// it made smaller, in gray. Both carry their [`Window`], so that what is found in them is in pixels of the camera.
+/// Pictures in; out a part of each at full resolution, centred on the target as far as the picture reaches, and the whole
+/// picture reduced, in gray. Both carry their [`Window`], so that detections in them are in pixels of the camera.
 ///
 /// The target is taken from `target`, which has points of the parent scale, or `targets`, of the own one, and extrapolated at its velocity to the picture's
 /// time. Where it is lost or out of the picture, `inside` has a gap.
@@ -62,8 +62,8 @@ pub struct Crop {
     model: Camera,
     radius: Option<f64>,
     anchor: Anchor,
-    /// Of the last targets that the anchor has heard of.
-    heard: Option<Time>,
+    /// Time of the last targets of the anchor.
+    last_targets: Option<Time>,
     inside: Pool<Image>,
     coarse: Pool<Image>,
     gray: Vec<u8>,
@@ -83,7 +83,8 @@ struct Tally {
 impl Node for Crop {
     const TYPE: &'static str = "select.crop";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Follows a target with a part of each picture, and gives the whole made smaller";
+    const SUMMARY: &'static str =
+        "Cuts a window that follows a target out of each picture, and reduces the whole picture";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CropSettings;
 
@@ -131,7 +132,7 @@ impl Node for Crop {
             }
         }
         if let Some(targets) = io.latest(&TARGET).or_else(|| io.latest(&TARGETS)) {
-            self.hear(targets.value);
+            self.take_targets(targets.value);
         }
         let Some(target) = self.target_at(time) else {
             self.tally.lost += 1;
@@ -186,7 +187,7 @@ impl Crop {
             model,
             radius: setup.radius_m,
             anchor: Anchor::new(rule),
-            heard: None,
+            last_targets: None,
             inside: Pool::default(),
             coarse: Pool::default(),
             gray: Vec::new(),
@@ -208,11 +209,11 @@ impl Crop {
         if found == promised { Ok(()) } else { Err(format!("the picture has {found} bytes, expected {promised}")) }
     }
 
-    fn hear(&mut self, targets: &Targets) {
-        if self.heard.is_some_and(|heard| targets.time <= heard) {
+    fn take_targets(&mut self, targets: &Targets) {
+        if self.last_targets.is_some_and(|last| targets.time <= last) {
             return;
         }
-        self.heard = Some(targets.time);
+        self.last_targets = Some(targets.time);
         let observations = targets.list.iter().map(|it| TargetObservation {
             id: it.id.0,
             position: it.position,
@@ -223,10 +224,10 @@ impl Crop {
         self.anchor.update(targets.time.0, observations);
     }
 
-    /// The target, extrapolated to `time`; `None`: it is lost, or nothing was heard for as long as that takes.
+    /// The target, extrapolated to `time`; `None`: it is lost, or no targets have come for that long.
     fn target_at(&self, time: Time) -> Option<TargetObservation> {
         let AnchorState::Found(target) = self.anchor.state() else { return None };
-        let later = time - self.heard?;
+        let later = time - self.last_targets?;
         if later.0 > self.anchor.rule().lost_ns {
             return None;
         }
@@ -264,7 +265,7 @@ impl Crop {
         self.inside.share(part)
     }
 
-    /// The whole, each pixel the mean of some.
+    /// The reduced picture, each pixel the mean of several.
     fn made_smaller(&mut self, image: &Image) -> Result<std::sync::Arc<Image>, foveate::imaging::ImagingError> {
         let pixels = match image.format {
             PixelFormat::Gray8 => image.pixels.as_slice(),
@@ -359,11 +360,11 @@ mod tests {
     }
 
     #[test]
-    fn the_target_is_extrapolated_to_the_time_of_the_picture_and_lost_when_nothing_is_heard() {
+    fn the_target_is_extrapolated_to_the_time_of_the_picture_and_lost_when_no_targets_come() {
         let mut crop = crop(CropSettings::default());
         assert_eq!(crop.target_at(Time::ZERO), None);
         let (place, velocity) = (Point3::new(0.1, 0.2, 1.0), Vector3::new(1.0, 0.0, -0.5));
-        crop.hear(&targets(1.0, &[(7, place, velocity)]));
+        crop.take_targets(&targets(1.0, &[(7, place, velocity)]));
         let at = |crop: &Crop, time_s: f64| crop.target_at(Time::from_s(time_s));
         let now = at(&crop, 1.0).unwrap();
         assert!(now.is_measured && now.id == 7 && now.position == place);
@@ -375,9 +376,9 @@ mod tests {
         assert!(at(&crop, 0.9).is_some(), "a picture from before the targets");
         assert_eq!(at(&crop, 1.6), None);
         // Old news change nothing.
-        crop.hear(&targets(0.5, &[]));
+        crop.take_targets(&targets(0.5, &[]));
         assert!(at(&crop, 1.2).is_some());
-        crop.hear(&targets(1.3, &[]));
+        crop.take_targets(&targets(1.3, &[]));
         assert_eq!(at(&crop, 1.3), None);
     }
 

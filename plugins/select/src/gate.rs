@@ -1,4 +1,4 @@
-//! `select.gate`: lets through what one camera gives while it is worth processing.
+//! `select.gate`: passes on the pictures of a camera while they are worth processing.
 
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -13,32 +13,32 @@ ports! {
 }
 
 figures! {
-    "gate.passed.*": count, neither, "Pictures or features that passed while the camera was chosen, or none was yet";
-    "gate.looks.*": count, neither, "Those that passed as a look while it was not";
-    "gate.left_out.*": count, neither, "Those that were left out";
+        "gate.passed.*": count, neither, "Pictures or features passed on while the camera was chosen, or before the first choice";
+        "gate.looks.*": count, neither, "Pictures or features passed on now and then while the camera was not chosen";
+        "gate.left_out.*": count, neither, "Pictures or features left out";
 }
 
 /// Settings of [`Gate`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GateSettings {
-    /// While the camera is not chosen, one in so many pictures gets through, so that targets that nobody follows yet are found; those of cameras that
-    /// follow each other in the calibration come one after another; 0: none [frames].
+    /// While the camera is not chosen, every n-th picture is passed on, so that new targets are found; the turns of cameras that
+    /// are neighbours in the calibration follow each other; 0: none [frames].
     #[schemars(range(min = 0, max = 100000))]
     pub look_every: u32,
 }
 
 impl Default for GateSettings {
-    /// Six looks a second at 60 Hz.
+    /// Six such pictures a second at 60 Hz.
     fn default() -> Self {
         Self { look_every: 10 }
     }
 }
 
-/// Pictures of one camera in, the same out while `select.cameras` has chosen it, or has chosen nobody yet; of the rest a look now and then. What is left out
-/// is counted. What goes out is numbered anew, so that edges behind do not take it for lost.
+/// Pictures of one camera in, the same out while `select.cameras` has chosen it, or before the first choice; otherwise every n-th. Pictures left out
+/// are counted. The output is renumbered, so that later edges do not count them as lost.
 ///
-/// Lets through features instead of pictures, too: of sources that give no pictures.
+/// Features are passed on likewise, of sources without pictures.
 pub struct Gate {
     settings: GateSettings,
     camera: CameraId,
@@ -58,8 +58,7 @@ struct Tally {
 impl Node for Gate {
     const TYPE: &'static str = "select.gate";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str =
-        "Lets through what a camera gives while it is among the chosen ones, and a look now and then";
+    const SUMMARY: &'static str = "Passes on a camera's pictures while it is chosen, and every n-th otherwise";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = GateSettings;
 
@@ -70,9 +69,7 @@ impl Node for Gate {
     fn new(settings: GateSettings, setup: &Setup) -> Result<Self, ConfigError> {
         ConfigError::unless_in("look_every", settings.look_every, 0..=100_000)?;
         let Some(camera) = setup.camera else {
-            return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera`: a gate is that of one camera",
-            ));
+            return Err(ConfigError::node("found no camera, expected `each` or `camera`: a gate is for one camera"));
         };
         let camera_name = setup.camera_name().unwrap_or(&setup.instance).to_owned();
         Ok(Self { settings, camera, camera_name, n_unchosen: 0, tally: Tally::default() })
@@ -102,7 +99,7 @@ impl Node for Gate {
 }
 
 impl Gate {
-    /// Whether the next one gets through; `None`: nobody has chosen yet.
+    /// Whether the next one is passed on; `None`: before the first choice.
     fn opens(&mut self, chosen: Option<bool>) -> bool {
         if chosen.unwrap_or(true) {
             self.tally.passed += 1;
@@ -143,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_gets_through_until_somebody_chooses_and_nothing_is_lost_uncounted() {
+    fn everything_passes_before_the_first_choice_and_losses_are_counted() {
         let mut gate = gate(2, 5);
         assert!((0..7).all(|_| gate.opens(None)));
         assert!((0..3).all(|_| gate.opens(Some(true))));

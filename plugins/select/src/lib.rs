@@ -3,9 +3,9 @@
 //!
 //! | node | what it does |
 //! |---|---|
-//! | `select.cameras` | says which of many fixed cameras see the targets best together |
-//! | `select.crop` | follows a target with a part of each picture |
-//! | `select.gate` | lets through what those cameras give, and a look by the others now and then |
+//! | `select.cameras` | chooses the fixed cameras that see the targets best together |
+//! | `select.crop` | cuts a part around a target out of each picture |
+//! | `select.gate` | passes on the pictures of chosen cameras, and every n-th of the others |
 //!
 //! The algorithm is a plain structure that knows no graph: [`cameras::Chooser`].
 
@@ -15,7 +15,7 @@ pub mod gate;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<cameras::CamerasNode>();
     registry.add::<gate::Gate>();

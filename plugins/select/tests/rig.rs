@@ -3,9 +3,9 @@
 use std::fs;
 use std::sync::Arc;
 
-use foveate::engine::{self, Options};
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options};
+use foveate_embed::rig::{self, Overrides};
 use foveate_testkit::scene::ring_calibration;
 use nalgebra::{Matrix6, Point2, Point3, Vector3};
 use schemars::JsonSchema;

@@ -3,12 +3,12 @@
 //! What is numbered is what `structured_light.points` makes of sets of pictures. Lenses have a thin prism and a term of r⁸ that are not fitted; things stand before a wall and a
 //! floor, elsewhere in each set. Errors are those of the projector's centre after all points are laid over the true ones.
 
-use foveate::calibration::network::{NetworkOptions, Sought, from_nothing};
-use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
-use foveate::calibration::solved::ObservationRole;
 use foveate::estimation::random::Random;
 use foveate::estimation::statistics::median;
 use foveate::geometry::{AlignmentOptions, Camera, CameraStatus, Distortion, Freedom, Intrinsics, align};
+use foveate_calibration::network::{CalibrationTarget, NetworkOptions, from_nothing};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_calibration::solved::ObservationRole;
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 const SEEDS: u64 = 20;
@@ -143,7 +143,7 @@ fn trial(seed: u64, n_cameras: usize, n_sets: usize, has_optics: bool) -> Option
     };
     let recording = Recording { cameras: (0..=n_cameras).map(guess).collect(), camera_frames };
     let options = NetworkOptions { focal_unknown: !has_optics, ..NetworkOptions::default() };
-    let solved = from_nothing(&recording, Sought::Labels { mirrored: &[] }, &options).ok()?.solved;
+    let solved = from_nothing(&recording, CalibrationTarget::Labels { mirrored: &[] }, &options).ok()?.solved;
     if solved.cameras.iter().any(|it| it.status != CameraStatus::Calibrated) {
         return None;
     }

@@ -1,8 +1,8 @@
-//! `structured_light.boundaries`: pictures of a stripe boundary code one by one, and what the projector was told to show; for each picture, where in the projector it is lit from.
+//! `structured_light.boundaries`: decodes pictures of a stripe boundary code one by one; for each picture, which projector position lights each pixel.
 //!
-//! 1. To each picture belongs the pattern during which all of its exposure lies, or, of a recording, the next one in turn. A picture that comes out of order, or of which no pattern is known, is left out.
-//! 2. Edges of light are found along the rows and tracked, foretold by the head's pose and by the target's velocity (`foresight`).
-//! 3. Which of the four pictures is shown is tried out until it is certain (`follow`). Then tracks that are known say it: a picture that the projector dropped is taken for what it is.
+//! 1. Each picture gets the pattern that was shown during all of its exposure or, in a recording, the next one in turn. A picture that comes out of order, or whose pattern is unknown, is left out.
+//! 2. Edges of light are found along the rows and tracked, predicted by the head's pose and by the target's velocity (`foresight`).
+//! 3. All four patterns are tried until it is certain which one is shown (`follow`). Then known tracks identify it: where the projector dropped a picture, the one that is shown is used.
 //! 4. The boundaries of the picture before are decoded, ghosts between where they were and are: so a map comes one picture late, and is of its own picture's time.
 //! 5. The code repeats. The distances that the surface may have, around the target or as set, say which repetition it is; where several fit, the boundary is left out.
 
@@ -39,13 +39,13 @@ ports! {
 }
 
 figures! {
-    "boundaries.frames.*": count, high, "Pictures of the camera of which a map was made";
+    "boundaries.frames.*": count, high, "Pictures of the camera that gave a map";
     "boundaries.frames_empty.*": count, low, "Pictures of the camera in which no boundary could be decoded, or few of those before: the first four, and those that are dark, saturated or without stripes, and those of what moves too fast";
-    "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, are of another size or, once the projector has begun, of which nobody knows what it showed";
-    "boundaries.frames_moving.*": count, low, "Pictures of a head that moved, which gave no map because its pose was known worse than max_pose_px";
-    "boundaries.a_frame.*": count, high, "Boundaries for each picture of which a map was made, counted row by row";
-    "boundaries.ghosts.*": share, neither, "Of these, those that did not show in their picture and lie between where they were before and after";
-    "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the distances that the surface may have";
+    "boundaries.frames_refused.*": count, low, "Pictures of the camera that came out of order, have another size or, once the projector has begun, whose pattern is unknown";
+    "boundaries.frames_moving.*": count, low, "Pictures taken while the head moved that gave no map because its pose was less certain than max_pose_px";
+    "boundaries.a_frame.*": count, high, "Boundaries per picture that gave a map, counted row by row";
+    "boundaries.ghosts.*": share, neither, "Part of these boundaries that did not show in their picture and were interpolated between the pictures before and after";
+    "boundaries.unknown_period.*": count, low, "Boundaries left out because no repetition of the code, or more than one, fits the possible distances of the surface";
 }
 
 /// Patterns that wait for their pictures.
@@ -56,7 +56,7 @@ const WAITING: usize = 8;
 const MOST_MISSING: u64 = 3;
 /// So many pictures without their next one, and no map: the camera is slower than the projector.
 const SLOW: u64 = 3;
-/// Boundaries of which more than this part has no repetition are told [–].
+/// Boundaries without a repetition are reported from this part on [–].
 const UNKNOWN: f64 = 0.05;
 /// A projector may drop so many pictures in a row.
 const MOST_OTHERS: u32 = 2;
@@ -111,7 +111,7 @@ pub struct Boundaries {
     last: Option<Time>,
     /// Of the last map [m].
     distance: Option<f64>,
-    /// Pictures one after the other in which the projector showed another one than it was told.
+    /// Successive pictures in which the projector showed another pattern than requested.
     others: u32,
     /// Pictures one after the other that were none of the four.
     unclear: u32,
@@ -119,7 +119,7 @@ pub struct Boundaries {
     taken: u64,
     /// … and which of them showed each of the four patterns last.
     shown_last: [u64; FRAMES],
-    /// Boundaries in the best map of late.
+    /// Boundaries in the best recent map.
     most: f64,
     frames: u64,
     empty: u64,
@@ -140,7 +140,8 @@ pub struct Boundaries {
 impl Node for Boundaries {
     const TYPE: &'static str = "structured_light.boundaries";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Tracks boundaries of projected stripes on what moves, and finds where in the projector a camera sees light from";
+    const SUMMARY: &'static str =
+        "Matches camera to projector on moving objects by tracking projected stripe boundaries";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BoundariesSettings;
 
@@ -263,14 +264,14 @@ impl Node for Boundaries {
         let is_slow = self.frames == 0 && self.unfollowed >= SLOW;
         if is_slow {
             report.remark(format!(
-                "{name} took no two pictures of the code one after the other in {} pictures: it is slower than the projector; let both run at one rate",
+                "{name} took no two successive pictures of the code in {} pictures: it is slower than the projector; run both at one rate",
                 self.unfollowed + 1
             ));
         }
         let unknown = self.unknown_period as f64 / (self.unknown_period + self.found).max(1) as f64;
         if self.frames > 0 && unknown > UNKNOWN {
             report.remark(format!(
-                "{name}: {:.0} % of the boundaries are left out, since no repetition of the code, or more than one, fits the distances that the surface may have; wider stripes, or a narrower `distance_m`, tell them",
+                "{name}: {:.0} % of the boundaries are left out, since no repetition of the code, or more than one, fits the possible distances of the surface; use wider stripes or a narrower `distance_m`",
                 100.0 * unknown
             ));
         }
@@ -318,7 +319,7 @@ impl Boundaries {
         io.gap(&MAP, time, words);
     }
 
-    /// What the projector was told to show during all of a picture's exposure.
+    /// What the projector reported to show during all of a picture's exposure.
     fn shown_at(&self, time: Time) -> Option<Arc<PatternShown>> {
         let exposure = Interval::from_ms(self.settings.exposure_ms);
         let latency = Interval::from_ms(self.settings.latency_ms);
@@ -362,7 +363,7 @@ impl Boundaries {
         {
             let [a, b] = camera.image_size;
             let fault = format!(
-                "found a picture of {} x {} px or of colours, expected a gray one of {a} x {b} px",
+                "found a picture of {} x {} px or in colour, expected a gray one of {a} x {b} px",
                 size[0], size[1]
             );
             return self.refuse(io, time, "size", fault);
@@ -377,7 +378,7 @@ impl Boundaries {
             None => self.shown_at(time),
         };
         let Some(shown) = shown else {
-            let fault = "nobody said what the projector shows during all of the exposure; are `latency_ms` and `exposure_ms` right, are camera and projector in step?";
+            let fault = "the pattern shown during all of the exposure is unknown; are `latency_ms` and `exposure_ms` right, are camera and projector in step?";
             return self.refuse(io, time, "shown", fault.to_owned());
         };
         let code = match self.code_of(&shown) {
@@ -429,13 +430,14 @@ impl Boundaries {
                 self.follow(&edges, said, Some((passed as u32, &foretold)), time)
             }
             Some(_) if passed == 0 => {
-                let fault = "a second picture was taken while the projector showed the same; is the camera faster than the projector?";
+                let fault =
+                    "a second picture was taken during the same pattern; is the camera faster than the projector?";
                 self.refuse(io, time, "twice", fault.to_owned());
                 self.before = before;
                 return;
             }
             Some(_) => {
-                self.note("missing", time, &format!("{}: begins anew", missing_in_words(passed - 1)));
+                self.note("missing", time, &format!("{}: tracking restarts", missing_in_words(passed - 1)));
                 self.follow(&edges, said, None, time)
             }
             None => self.follow(&edges, said, None, time),
@@ -447,21 +449,21 @@ impl Boundaries {
             io.gap(
                 &MAP,
                 before.stamp.time,
-                "the picture after it is missing, and with it what boundaries of this one became",
+                "the picture after it is missing, so its boundaries cannot be interpolated",
             );
         }
         if let Some(before) = before.filter(|_| passed == 1) {
             let off = off.abs().max(before.off.abs());
             if off > MOST_OFF_PX {
                 let fault = format!(
-                    "stripes moved by {off:.1} px more than the head's pose says, expected {MOST_OFF_PX} px at most: the pose is in doubt"
+                    "stripes moved by {off:.1} px more than the head's pose predicts, expected at most {MOST_OFF_PX} px: the pose is unreliable"
                 );
                 self.note("off", before.stamp.time, &fault);
                 io.gap(&MAP, before.stamp.time, fault);
             } else if before.pose_px > self.settings.max_pose_px {
                 self.moving += 1;
                 let fault = format!(
-                    "the head moves, and its pose is known worse than the {} px of `max_pose_px`",
+                    "the head moves, and its pose is less certain than the {} px of `max_pose_px`",
                     self.settings.max_pose_px
                 );
                 io.gap(&MAP, before.stamp.time, fault);
@@ -473,7 +475,7 @@ impl Boundaries {
                         let fault = match self.wrong_first {
                             Some(_) => "`first_shows` is wrong",
                             None => {
-                                "it is open which of the four patterns is shown, or what is known of it is not borne out"
+                                "it is not yet certain which of the four patterns is shown, or boundaries contradict the stated one"
                             }
                         };
                         io.gap(&MAP, before.stamp.time, fault);
@@ -494,7 +496,7 @@ impl Boundaries {
         let n = edges.len();
         if edges.n_saturated > n.max(image.height as usize) {
             let fault = format!(
-                "{} edges of light are saturated, {n} are not: too bright, expected less exposure, gain or light",
+                "too bright: {} edges of light are saturated, {n} are not; use less exposure, gain or light",
                 edges.n_saturated
             );
             self.note("bright", time, &fault);

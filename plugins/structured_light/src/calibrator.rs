@@ -1,23 +1,23 @@
 //! `structured_light.calibrator`: camera and projector calibrated together from sets of pictures of a chessboard.
 //!
-//! The projector is an inverse camera: what `structured_light.corners` says of it are features like any camera's, and both are solved as cameras that see a board are
-//! ([`foveate::calibration::board`]). Each set is then held out in turn: the others alone make a calibration, the board is placed in the set
-//! held out by what the camera saw, and the projector's corners are foretold.
+//! The projector is an inverse camera: `structured_light.corners` gives features for it as for any camera, and both are calibrated as cameras that see a board
+//! ([`foveate_calibration::board`]). Each set is then held out in turn: a calibration is made from the others, the board is placed in the held-out set
+//! by the camera's corners, and the projector's corners are predicted.
 //!
-//! The board is flat: points triangulated on it are held against its plane.
+//! The board is flat: points triangulated on it are compared with its plane.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use foveate::calibration::board::{Board, BoardOptions, BoardPose, BoardSolution, calibrate, one_angle};
-use foveate::calibration::network::Origin;
-use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
-use foveate::calibration::solved::{ObservationRole, SolvedObservation};
 use foveate::estimation::statistics::{median, percentile};
 use foveate::geometry::{Camera, CameraStatus, Distortion, Freedom, Intrinsics, ResectionOptions, refine_pose};
 use foveate::prelude::*;
 use foveate::scene::Calibration;
 use foveate::scene::draft::{guessed_focal, middle};
+use foveate_calibration::board::{Board, BoardOptions, BoardPose, BoardSolution, calibrate, one_angle};
+use foveate_calibration::network::Origin;
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+use foveate_calibration::solved::{ObservationRole, SolvedObservation};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,19 +33,19 @@ ports! {
 }
 
 figures! {
-    "projector.rms_px": px, low, "Root mean square distance of the projector's corners from where the calibration has them, over all sets, those that it rejects among them";
-    "projector.held_out_px.rms": px, low, "Root mean square distance of the projector's corners from where they are foretold in a set by a calibration without that set, the board being placed by camera and projector, over all sets in turn";
+    "projector.rms_px": px, low, "Root mean square re-projection error of the projector's corners over all sets, rejected ones included";
+    "projector.held_out_px.rms": px, low, "Root mean square error of the projector's corners in a set as predicted by a calibration without that set, with the board placed by camera and projector, over all sets in turn" => "projector's corners of a set held out";
     "projector.held_out_px.worst": px, low, "The largest of these by set";
-    "projector.transfer_px.rms": px, low, "The same, the board being placed by the camera alone";
+    "projector.transfer_px.rms": px, low, "As projector.held_out_px.rms, with the board placed by the camera alone";
     "projector.sets": count, high, "Sets in which camera and projector saw the board";
-    "camera.rms_px": px, low, "Root mean square distance of the camera's corners from where the calibration has them, over all sets, those that it rejects among them";
-    "camera.held_out_px.rms": px, low, "As of the projector, for the camera's corners";
-    "corners.rejected": count, low, "Corners of camera and projector that the calibration was not made from, since they are too far from where it has them";
-    "both.rms_px": px, low, "Root mean square distance of the corners of camera and projector from where the calibration has them, over all sets, those that it rejects among them";
-    "both.used_px.rms": px, low, "The same without those that it rejects";
-    "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between points on the board and the board as the calibration has it, over all sets";
-    "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points of a set on the board from the plane that fits them best, over sets; a board that is bent counts in full";
-    "coverage": share, high, "Camera pixels between the board's corners that have a point, over all of these, in all sets";
+    "camera.rms_px": px, low, "Root mean square re-projection error of the camera's corners over all sets, rejected ones included";
+    "camera.held_out_px.rms": px, low, "As projector.held_out_px.rms, for the camera's corners";
+    "corners.rejected": count, low, "Corners of camera and projector that the calibration rejects as outliers";
+    "both.rms_px": px, low, "Root mean square re-projection error of the corners of camera and projector over all sets, rejected ones included";
+    "both.used_px.rms": px, low, "As both.rms_px, without rejected corners" => "corners of camera and projector off the calibration";
+    "depth_mm.{median,p95}": mm, low, "Distance along the camera's rays between triangulated points and the calibrated board, over all sets" => "depth error";
+    "flatness_mm.{median,worst}": mm, low, "Root mean square distance of the points on the board from their best plane in a set, over sets; includes any bend of the board";
+    "coverage": share, high, "Part of the camera pixels between the board's corners that have a point, over all sets" => "part covered of what could be seen";
 }
 
 /// Settings of [`Calibrator`].
@@ -73,7 +73,7 @@ fn default_file() -> String {
     "procam.calibration.toml".to_owned()
 }
 
-/// Corners of camera and projector in; a calibration in the results folder, with what it is worth.
+/// Corners of camera and projector in; a calibration in the results folder, with its accuracy.
 pub struct Calibrator {
     settings: CalibratorSettings,
     board: Board,
@@ -196,8 +196,8 @@ fn is_inside(outline: &[Point2<f64>], point: &Point2<f64>) -> bool {
 type Marks = (Vec<Point3<f64>>, Vec<Point2<f64>>);
 
 /// What a calibration explains of a set.
-struct Foretold {
-    /// Seen − foretold, of camera and projector [px].
+struct Predicted {
+    /// Observed − predicted, of camera and projector [px].
     errors: [Vec<f64>; 2],
 }
 
@@ -284,7 +284,7 @@ impl Calibrator {
         self.remarks.extend(solution.stretch.map(|it| it.to_string()));
         if self.sets.len() < 3 {
             self.remarks.push(format!(
-                "{} sets hold focal length, principal point and the first term of a lens at best, and none can be held out: expected at least 3",
+                "{} sets determine at best focal length, principal point and one distortion term, and none can be held out: expected at least 3",
                 self.sets.len()
             ));
         } else {
@@ -335,8 +335,8 @@ impl Calibrator {
             };
             let cameras = [0, 1].map(|it| solution.solved.cameras[it].camera.clone());
             let set = &self.sets[&time];
-            let together = self.foretell(&cameras, set, true);
-            let alone = self.foretell(&cameras, set, false);
+            let together = self.predict(&cameras, set, true);
+            let alone = self.predict(&cameras, set, false);
             if let (Some(together), Some(alone)) = (together, alone) {
                 worst = worst.max(rms(&together.errors[1]));
                 transfer.extend(alone.errors[1].iter().copied());
@@ -352,7 +352,7 @@ impl Calibrator {
     }
 
     /// Places the board by what the camera saw, or both did, and says how far off everything is.
-    fn foretell(&self, cameras: &[Camera; 2], set: &Set, by_both: bool) -> Option<Foretold> {
+    fn predict(&self, cameras: &[Camera; 2], set: &Set, by_both: bool) -> Option<Predicted> {
         let marks = |which: usize| -> Marks {
             let list = set.features[which].iter();
             list.filter_map(|it| Some((self.board.place(it.label?)?, it.centre))).unzip()
@@ -371,7 +371,7 @@ impl Calibrator {
             };
             places.iter().zip(pixels).filter_map(off).collect()
         });
-        Some(Foretold { errors })
+        Some(Predicted { errors })
     }
 
     /// What is to be said where the boards, placed by the guessed camera, have nearly one direction.
@@ -403,7 +403,7 @@ impl Calibrator {
         let kept = TriangulatorSettings::default();
         let is_good = |it: &OnRay| it.misfit <= kept.max_misfit_px;
         for (time, set) in &self.sets {
-            let near = |it: &&foveate::calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
+            let near = |it: &&foveate_calibration::board::BoardPose| (it.time_s - time.as_s()).abs() < 1e-3;
             let Some(pose) = solution.boards.iter().find(near) else { continue };
             let normal = pose.world_from_board * Vector3::z();
             let origin = pose.world_from_board * Point3::origin();
@@ -448,7 +448,7 @@ impl Calibrator {
 fn at_one_angle(normals: &[Vector3<f64>]) -> Option<String> {
     one_angle(normals).map(|most| {
         format!(
-            "the board was seen at one angle only, within {:.0} degrees: focal lengths, and with them depth, are not held; expected poses that are tilted in different ways, by 20 degrees or more",
+            "the board was seen at one angle only, within {:.0} degrees, which does not determine focal lengths and thus depth; expected poses tilted by 20 degrees or more in different directions",
             most.to_degrees()
         )
     })
@@ -508,8 +508,8 @@ mod tests {
     use super::*;
     use crate::pair::tests::rig;
 
-    /// What is told of a camera and a projector that saw a board turned about x and y by these angles, with corners 0.1 px off.
-    fn told(turns: &[[f64; 2]]) -> (Result<Report, String>, Vec<String>) {
+    /// The report on a camera and a projector that saw a board rotated about x and y by these angles, with corners 0.1 px off.
+    fn reported(turns: &[[f64; 2]]) -> (Result<Report, String>, Vec<String>) {
         let (camera, projector) = rig();
         let named = [("camera", camera), ("projector", projector)];
         let cameras = named.map(|(name, camera)| foveate::scene::NamedCamera { name: name.to_owned(), camera });
@@ -547,7 +547,7 @@ mod tests {
 
     #[test]
     fn three_poses_tilted_in_different_ways_are_enough() {
-        let (report, remarks) = told(&[[0.5, 0.1], [-0.4, 0.3], [0.1, -0.5], [0.3, 0.4]]);
+        let (report, remarks) = reported(&[[0.5, 0.1], [-0.4, 0.3], [0.1, -0.5], [0.3, 0.4]]);
         let figures = report.unwrap().figures;
         assert!(figures["projector.rms_px"] < 0.2 && figures["projector.held_out_px.rms"] < 0.5, "{figures:?}");
         assert!(!remarks.iter().any(|it| it.contains("one angle")), "{remarks:?}");
@@ -556,23 +556,23 @@ mod tests {
     #[test]
     fn too_few_poses_are_told_as_such() {
         for turns in [&[][..], &[[0.5, 0.1]]] {
-            let fault = told(turns).0.unwrap_err();
+            let fault = reported(turns).0.unwrap_err();
             let n = turns.len();
             assert!(
                 fault.contains(&format!("in {n} of the {n} sets that were decoded, expected at least 3")),
                 "{fault}"
             );
         }
-        let (report, remarks) = told(&[[0.5, 0.1], [-0.4, 0.3]]);
+        let (report, remarks) = reported(&[[0.5, 0.1], [-0.4, 0.3]]);
         assert!(remarks.iter().any(|it| it.contains("none can be held out")), "{report:?} {remarks:?}");
     }
 
     #[test]
     fn a_board_at_one_angle_holds_no_focal_length_and_it_is_said() {
-        let (flat, remarks) = told(&[[0.0, 0.02], [0.01, 0.0], [0.0, 0.0], [0.02, 0.01]]);
+        let (flat, remarks) = reported(&[[0.0, 0.02], [0.01, 0.0], [0.0, 0.0], [0.02, 0.01]]);
         let words = flat.err().into_iter().chain(remarks).collect::<Vec<_>>().join("; ");
         assert!(words.contains("at one angle only"), "{words}");
-        let (tilted, remarks) = told(&[[0.5, 0.0], [0.51, 0.01], [0.5, 0.01], [0.49, 0.0]]);
+        let (tilted, remarks) = reported(&[[0.5, 0.0], [0.51, 0.01], [0.5, 0.01], [0.49, 0.0]]);
         let words = tilted.err().into_iter().chain(remarks).collect::<Vec<_>>().join("; ");
         assert!(words.contains("at one angle only"), "{words}");
     }

@@ -1,4 +1,4 @@
-//! `structured_light.collector`: the pictures of a set of patterns, out of the pictures of a camera and what a projector was told to show.
+//! `structured_light.collector`: collects the pictures of a pattern set from a camera's pictures and the projector's reports.
 //!
 //! 1. To each pattern belongs the picture whose capture time is nearest to the middle of the time in which it was shown, all of the exposure lying in that time.
 //! 2. A set of which a picture is missing is not passed on; the pictures are named.
@@ -6,7 +6,7 @@
 //!    mean of a phase shift's steps; where they are not, something has moved between these pictures. Blocks of the picture where it has are made black, so that nothing
 //!    is decoded there; a set with many of them is not passed on.
 //!
-//! Motion is looked for in means of 4 × 4 px, which hide the noise of single pixels, root mean square over blocks of 16 × 16 px. What noise is left in these is known from
+//! Motion is detected in means of 4 × 4 px, which hide the noise of single pixels, root mean square over blocks of 16 × 16 px. What noise is left in these is known from
 //! the pictures themselves ([`foveate::imaging::stripes::noise`]) and no motion.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -43,7 +43,7 @@ const LONGEST_WAIT: Interval = Interval(5_000_000_000);
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CollectorSettings {
-    /// From telling the projector to show a pattern to its light [ms]
+    /// Latency of the projector, from the command to show a pattern to its light [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_ms: f64,
     /// The camera's exposure: all of it must lie in the time in which the pattern is shown [ms]
@@ -55,7 +55,7 @@ pub struct CollectorSettings {
     /// Part of the lit blocks in which something may have moved; with more, the set is not passed on [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub max_moved: f64,
-    /// With `pose` connected: how far the picture may be turned from the first to the last one of a set [px]
+    /// With `pose` connected: how far the picture may move from the first to the last one of a set [px]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub max_turn_px: f64,
 }
@@ -98,8 +98,7 @@ pub struct Collector {
 impl Node for Collector {
     const TYPE: &'static str = "structured_light.collector";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Gathers the pictures of a set of projected patterns, and refuses sets in which something moved";
+    const SUMMARY: &'static str = "Collects the pictures of a pattern set, and refuses sets in which something moved";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CollectorSettings;
 
@@ -210,7 +209,7 @@ impl Collector {
     fn conclude(&mut self, io: &mut Io<'_>, number: u64, set: Set) {
         let name = format!("set {number}");
         let missing = |(at, slot): (usize, &Option<Slot>)| match slot {
-            None => Some(format!("picture {at} (the projector never said that it showed it)")),
+            None => Some(format!("picture {at} (the projector never reported it)")),
             Some(slot) => slot.picture.is_none().then(|| format!("`{}`", slot.name)),
         };
         let missing: Vec<String> = set.slots.iter().enumerate().filter_map(missing).collect();
@@ -241,7 +240,7 @@ impl Collector {
         let (width, height) = (image.width, image.height);
         if pictures.iter().any(|(_, it)| [it.width, it.height] != [width, height] || it.format != PixelFormat::Gray8) {
             let fault = format!(
-                "{name}: found pictures of several sizes or of colours, expected gray ones of {width} x {height} px"
+                "{name}: found pictures of several sizes or in colour, expected gray ones of {width} x {height} px"
             );
             self.refuse(io, time, fault);
             return;

@@ -1,7 +1,7 @@
 //! `structured_light.corners`: the corners of a chessboard in camera and projector.
 //!
-//! The camera sees corners in the white picture. The projector sees nothing; where in its picture a corner would be follows from what the camera's pixels around
-//! it know: a homography from the camera's pixels to the projector's through all of them, robust, at the corner.
+//! The camera sees corners in the white picture. The place of a corner in the projector's picture follows from the decoded camera pixels around
+//! it: a robust homography from camera pixels to projector pixels, evaluated at the corner.
 //!
 //! Source: D. Moreno, G. Taubin, "Simple, accurate, and robust projector-camera calibration", 3DIMPVT 2012.
 
@@ -26,8 +26,8 @@ ports! {
 figures! {
     "corners.boards.*": count, high, "Sets of pictures in whose white one the camera saw the board";
     "corners.sets_searched.*": count, neither, "Sets of pictures that were searched for the board";
-    "corners.mirrored.*": count, low, "Boards of the camera whose corners run the other way round in the projector; none of these is used";
-    "corners.without_projector.*": count, low, "Corners of boards that the camera saw and around which too little was decoded to place them in the projector";
+    "corners.mirrored.*": count, low, "Boards of the camera that appear mirrored in the projector; not used";
+    "corners.without_projector.*": count, low, "Corners seen by the camera around which too little was decoded to place them in the projector";
 }
 
 /// Sets without a board that are named one by one.
@@ -78,7 +78,7 @@ pub struct Corners {
 impl Node for Corners {
     const TYPE: &'static str = "structured_light.corners";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds the corners of a chessboard in camera and projector";
+    const SUMMARY: &'static str = "Finds chessboard corners in the camera and in the projector";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CornersSettings;
 
@@ -145,7 +145,7 @@ impl Node for Corners {
         report.figure(format!("corners.mirrored.{name}"), self.mirrored as f64);
         if self.mirrored > 0 {
             report.remark(format!(
-                "the board's corners run the other way round in the projector than in {name} in {} of {} sets, which are not used: the pictures of one of both are mirrored, or columns and rows are exchanged (`pattern.order`)",
+                "the board appears mirrored in the projector relative to {name} in {} of {} sets, which are not used: the pictures of one of them are mirrored, or columns and rows are swapped (`pattern.order`)",
                 self.mirrored, self.found
             ));
         }
@@ -359,6 +359,6 @@ mod tests {
         assert_eq!(in_projector(false), (28, Vec::new()));
         let (n, said) = in_projector(true);
         assert_eq!(n, 0);
-        assert!(said.concat().contains("run the other way round in the projector than in"), "{said:?}");
+        assert!(said.concat().contains("mirrored"), "{said:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Counters of cameras that begin anew: after `DSC_9999.JPG` comes `DSC_0001.JPG`, which stands before it by its name.
+//! Camera counters that wrap around: after `DSC_9999.JPG` comes `DSC_0001.JPG`, which sorts before it by name.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ fn parts(path: &Path) -> Option<(String, u64, usize, String)> {
 /// Digits that a counter has at least.
 const MIN_DIGITS: usize = 3;
 
-/// Of pictures in the order of their names, the place of the one that was taken first, where a counter came to its end and began anew in the middle of the set; else 0.
+/// Of pictures in the order of their names, the place of the one that was taken first, where a counter wrapped around in the middle of the set; else 0.
 ///
 /// It did where all names have the same words and as many digits, the last one has the highest number that these can say, the first one 0 or 1, and all but half of the
 /// numbers in between are missing in one place.

@@ -1,15 +1,15 @@
-//! `structured_light.decoder`: where in the projector each camera pixel is lit from.
+//! `structured_light.decoder`: which projector position lights each camera pixel.
 //!
-//! 1. The set is examined: what is wrong with it is said with the names of its pictures, and an axis that it spoils is left out.
+//! 1. The set is examined: faults are reported with the names of the pictures, and an axis that cannot be decoded is left out.
 //! 2. Where something changed during the set, nothing is decoded.
 //! 3. Stripes are decoded; then coordinates come from the boundaries between them, or from the phase.
 //!
 //! | file | what it does |
 //! |---|---|
 //! | `set` | all three steps for one set |
-//! | `creep` | a set whose camera crept so far that it looks like one of another scene |
+//! | `creep` | a set whose camera drifted so far that it looks like one of another scene |
 //! | `levels` | coordinates by all bits, or by those that the camera resolves |
-//! | `words` | what is said of a set |
+//! | `words` | messages about a set |
 
 mod creep;
 mod levels;
@@ -35,9 +35,9 @@ ports! {
 }
 
 figures! {
-    "decoder.sets.*": count, high, "Sets of pictures of the camera of which at least one axis was decoded";
-    "decoder.sets_refused.*": count, low, "Sets of pictures of the camera of which nothing could be decoded";
-    "decoder.faults.*": count, low, "What was wrong with sets of pictures of the camera, each named in a remark, or at the gap of a set that is refused";
+    "decoder.sets.*": count, high, "Sets of pictures of the camera with at least one decoded axis";
+    "decoder.sets_refused.*": count, low, "Sets of pictures of the camera that could not be decoded";
+    "decoder.faults.*": count, low, "Faults of sets of pictures of the camera, each named in a remark, or at the gap of a refused set";
     "decoder.known_share.*": share, high, "Pixels of the camera with a projector coordinate over those that the projector lights, over all sets that were decoded";
 }
 
@@ -47,9 +47,9 @@ figures! {
 pub struct DecoderSettings {
     /// The projector's name in the calibration, for its size [–]
     pub projector: String,
-    /// The patterns, where no `patterns.toml` lies beside the pictures [–]
+    /// The patterns, where there is no `patterns.toml` beside the pictures [–]
     pub pattern: PatternSettings,
-    /// Whether `pattern` holds even where a `patterns.toml` lies beside the pictures [–]
+    /// Whether `pattern` is used even where there is a `patterns.toml` beside the pictures [–]
     pub ignore_manifest: bool,
     /// White − black, at least: less is shadow, or not reached by the projector [gray level]
     #[schemars(range(min = 1, max = 254))]
@@ -116,7 +116,7 @@ pub struct Decoder {
 impl Node for Decoder {
     const TYPE: &'static str = "structured_light.decoder";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds where in the projector each pixel of a camera is lit from";
+    const SUMMARY: &'static str = "Decodes pattern sets: which projector position lights each camera pixel";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = DecoderSettings;
 
@@ -218,7 +218,7 @@ impl Decoder {
             {
                 let differences = manifest.differences(&self.settings.pattern);
                 let remark = format!(
-                    "`{}/{}` holds, which says otherwise than `pattern`: {}; `ignore_manifest` takes the settings",
+                    "`{}/{}` is used, which differs from `pattern`: {}; set `ignore_manifest` to use the settings instead",
                     set.name,
                     crate::pattern::MANIFEST,
                     differences.join(", ")
@@ -246,7 +246,9 @@ impl Decoder {
         }
         self.code.clone().ok_or_else(|| {
             let name = &self.settings.projector;
-            format!("nothing says the size of the projector: expected `pattern.projector_px`, or `{name}` in the calibration")
+            format!(
+                "the size of the projector is unknown: expected `pattern.projector_px`, or `{name}` in the calibration"
+            )
         })
     }
 }

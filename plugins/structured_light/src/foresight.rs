@@ -1,4 +1,4 @@
-//! What is known of a picture before boundaries are decoded: how far what it shows moves from the picture before, and which columns of the projector can light it.
+//! Predictions for a picture before boundaries are decoded: how far its pixels move from the picture before, and which columns of the projector can light them.
 //!
 //! Between the nearest and the farthest distance that the surface may have, a pixel is lit from a range of columns; where a code repeats, that range says which repetition it is. Where the
 //! surface is about at a known distance, and comes nearer at a known speed, it says how far boundaries move: a boundary stays on its plane of light, which the camera's turning and the

@@ -1,4 +1,4 @@
-//! What changes during a static code.
+//! Detects changes during a static code.
 //!
 //! Whatever a bit shows, it and its inverse together are as bright as white and black together; so is twice the mean of the steps of a phase shift. Where they are not, something has moved
 //! between these pictures, or a lamp has changed.

@@ -1,4 +1,4 @@
-//! Pictures that are mirrored or turned, told from points that fit where they would not be; and stripes of one axis that are taken for those of the other, told from how they run.
+//! Detects pictures that are mirrored or rotated, by points that fit only then; and swapped axes, by the directions of the stripes.
 
 use foveate::geometry::Camera;
 use foveate::prelude::*;
@@ -36,7 +36,7 @@ pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap)
         if like[1 - axis] > OTHER_WAY && like[1 - axis] > 2.0 * like[axis] {
             let words = ["columns", "rows"];
             return Some(format!(
-                "{}: what is decoded as {} of the projector changes over the picture as its {} would, expected otherwise as camera and projector stand: write `{}` in place of `{}` in `pattern.order`, if that is what was shown",
+                "{}: the decoded {} of the projector change over the picture as its {} would, given the poses of camera and projector: write `{}` in place of `{}` in `pattern.order`, if that is what was shown",
                 map.name,
                 words[axis],
                 words[1 - axis],
@@ -57,7 +57,7 @@ pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap)
     };
     let remedy = remedy(how);
     Some(format!(
-        "{}: {what} of the projector run over the picture the other way round than they must as camera and projector stand by the calibration: the camera's pictures or the projector's are {how}; {remedy}",
+        "{}: {what} of the projector run the wrong way over the picture, given the poses of camera and projector in the calibration: the camera's pictures or the projector's are {how}; {remedy}",
         map.name
     ))
 }
@@ -66,10 +66,12 @@ pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap)
 fn remedy(how: &str) -> &'static str {
     match [how.contains("mirrored"), how.contains("turned")] {
         [true, false] => {
-            "turn them back, for mirrored ones fit no calibration (a projector behind its screen or before a mirror has a setting for that)"
+            "mirror them back, since mirrored pictures fit no calibration (projectors have a setting for rear projection and mirrors)"
         }
-        [true, true] => "turn them back; turned ones can be calibrated as they are, mirrored ones cannot",
-        _ => "turn them back, or calibrate with pictures as these are",
+        [true, true] => {
+            "rotate or mirror them back; rotated pictures can be calibrated as they are, mirrored ones cannot"
+        }
+        _ => "rotate them back, or calibrate with pictures that are rotated alike",
     }
 }
 
@@ -137,7 +139,7 @@ const CHANGES: [([bool; 2], [bool; 2], &str); 6] = [
 ];
 
 /// The same of the order of the stripes.
-const EXCHANGED: &str = "columns and rows were exchanged";
+const EXCHANGED: &str = "columns and rows were swapped";
 
 /// What would make most pixels of `map` fit, columns and rows of which do not belong to one point as they are; `None` where nothing does. Points fit
 /// within `max_misfit` [projector px].
@@ -181,7 +183,7 @@ pub(crate) fn likely_change(
     }
     let words: Vec<&str> = found.iter().filter(|it| it.0 > 0.9 * best).map(|it| it.1).collect();
     let mend = if words == [EXCHANGED] {
-        "exchange `columns` and `rows` in `pattern.order` of the decoder"
+        "swap `columns` and `rows` in `pattern.order` of the decoder"
     } else {
         remedy(&words.join(" "))
     };

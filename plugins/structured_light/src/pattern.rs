@@ -1,4 +1,4 @@
-//! Which patterns were shown, in which order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
+//! The patterns and their order: settings of nodes, and the file `patterns.toml` that `foveate patterns` writes beside its pictures.
 
 use foveate::imaging::ImagingError;
 use foveate::imaging::stripes::code::{Axis, Group, Inverse, StripeCode};
@@ -6,7 +6,7 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The name of the file beside pictures that says which patterns they show.
+/// Name of the file beside pictures that states which patterns they show.
 pub const MANIFEST: &str = "patterns.toml";
 
 /// The code that patterns carry.
@@ -47,7 +47,7 @@ pub struct PatternSettings {
     pub projector_px: [u32; 2],
     /// What the patterns carry: `gray`, `phase` or `boundary` [–]
     pub code: Code,
-    /// What follows what, each at most once: `columns` (the bits that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
+    /// Order of the groups of pictures, each at most once: `columns` (the bits that encode the column), `rows`, `white`, `black`; a boundary code uses only the first of `columns` and `rows` [–]
     pub order: String,
     /// Where the inverse of a bit stands: `after` it, `before` it, `apart` (after all bits of its axis), `last` (after all bits of both axes), `none` [–]
     pub inverse: InversePictures,
@@ -55,7 +55,7 @@ pub struct PatternSettings {
     pub fine_first: bool,
     /// Whether the middle of the code is the middle of the projector, rather than its beginning the first column (row); of effect where these are no power of two [–]
     pub centred: bool,
-    /// Bits of columns and of rows; 0: as many as number them all. Fewer leave the finest out [–]
+    /// Bits of columns and of rows; 0: as many as needed. Fewer leave the finest out [–]
     pub bits: [u32; 2],
     /// Steps of a phase shift [–]
     #[schemars(range(min = 3, max = 32))]
@@ -87,7 +87,7 @@ impl Default for PatternSettings {
 }
 
 impl PatternSettings {
-    /// What the text of a `patterns.toml` says.
+    /// Reads the text of a `patterns.toml`.
     ///
     /// # Errors
     /// What is wrong with it, with its place.
@@ -97,7 +97,7 @@ impl PatternSettings {
         Ok(settings)
     }
 
-    /// The code, for the projector of `calibrated` columns and rows where the settings do not say them.
+    /// The code, for a projector of `calibrated` columns and rows where the settings do not state them.
     ///
     /// # Errors
     /// Names the setting, what was found and what is expected.
@@ -191,7 +191,7 @@ impl PatternSettings {
     }
 }
 
-/// Columns (rows) that a code numbers, at least: of fewer, pictures show one stripe or none, and one column is not told from another [px].
+/// Columns (rows) that a code numbers, at least: with fewer, pictures show one stripe or none, and columns cannot be distinguished [px].
 const LEAST_SIDE: u32 = 4;
 
 /// Whether the pictures of each axis that is shown have stripes: sides of some pixels, and wider than a stripe of the coarsest bit's.
@@ -215,7 +215,7 @@ fn check_size(size: [u32; 2], order: &[Group], code: &StripeCode) -> Result<(), 
     Ok(())
 }
 
-/// The projector's name in calibrations, unless told otherwise.
+/// Default name of the projector in calibrations.
 pub(crate) fn default_projector() -> String {
     "projector".to_owned()
 }

@@ -51,7 +51,7 @@ fn default_rate() -> f64 {
 
 /// Endings of files that are pictures.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm"];
-/// Pictures in a set, at most: a folder of something else is told before it fills the memory.
+/// Pictures in a set, at most: another kind of folder is refused before it fills the memory.
 const MAX_PICTURES: usize = 400;
 
 /// Sets of pictures out, one for each folder.
@@ -68,7 +68,7 @@ pub struct Pictures {
 impl Node for Pictures {
     const TYPE: &'static str = "structured_light.pictures";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Reads sets of pictures of projected patterns, a folder each";
+    const SUMMARY: &'static str = "Reads sets of pictures of projected patterns, one folder per set";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PicturesSettings;
 
@@ -356,11 +356,11 @@ fn notes(files: &[PathBuf], read: &[Result<Gray, String>]) -> Vec<String> {
             Note::Wide => {
                 let bits = used_bits(read);
                 let mixed = if count == n { "" } else { ", others 8" };
-                format!("{who} {has} 16 bits a channel{mixed}; {bits} are used, of which the upper 8 are taken")
+                format!("{who} {has} 16 bits a channel{mixed}; {bits} are used, and of these the upper 8")
             }
-            Note::Alpha => format!("{who} {has} transparent pixels, which are taken as if they were not"),
+            Note::Alpha => format!("{who} {has} transparent pixels, whose transparency is ignored"),
             Note::Turned => format!(
-                "{who} {says} by EXIF that they are to be turned, which is not done: pixels stay as the camera gave them, as in its calibration"
+                "{who} {says} by EXIF that they should be rotated, which is ignored: pixels stay as the camera gave them, as in its calibration"
             ),
         }
     };
@@ -370,7 +370,7 @@ fn notes(files: &[PathBuf], read: &[Result<Gray, String>]) -> Vec<String> {
     let first = counter::first_taken(&by_name);
     let counter = (first > 0).then(|| {
         let (before, after) = (shown(&by_name[by_name.len() - 1]), name_of(&by_name[0]));
-        format!("the camera's counter began anew after `{before}`: `{after}` is taken for the next picture")
+        format!("the camera's counter wrapped around after `{before}`: `{after}` is the next picture")
     });
     kinds.into_iter().map(say).chain(counter).collect()
 }
@@ -427,7 +427,7 @@ mod tests {
         }
         let Read { set, notes, .. } = read(&sets(folder.path(), "*").unwrap()[0]).unwrap();
         assert_eq!([0, 1, 2, 3].map(|it| set.picture(it).unwrap()[0]), [0, 1, 2, 3]);
-        assert!(notes[0].contains("DSC_9999.png`: `DSC_0001.png` is taken for the next picture"), "{notes:?}");
+        assert!(notes[0].contains("DSC_9999.png`: `DSC_0001.png`"), "{notes:?}");
     }
 
     #[test]

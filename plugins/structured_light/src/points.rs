@@ -1,8 +1,8 @@
-//! `structured_light.points`: pixels of cameras and projector that show the same point of whatever stands in the light.
+//! `structured_light.points`: matches pixels of cameras and projector that show the same point of any lit scene.
 //!
-//! The projector's picture is a grid of cells. Where a camera is lit from the middle of a cell follows from the pixels around: u and v as linear functions of x and y, inverted.
-//! So a set of a static code is a picture of many numbered points, which the projector and all cameras that decoded it see together, and `foveate calibrate` places the
-//! projector as it places a camera. No board is needed.
+//! The projector's picture is a grid of cells. The camera pixel that is lit from the middle of a cell follows from the pixels around it: u and v as linear functions of x and y, inverted.
+//! So a set of a static code gives many numbered points, which the projector and all cameras that decoded it share, and `foveate calibrate` calibrates the
+//! projector like a camera. No board is needed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,8 +19,8 @@ ports! {
 }
 
 figures! {
-    "points.features.*": count, high, "Places of cells that were found in the maps of a camera, over all sets";
-    "points.sets.*": count, high, "Maps of the camera in which any were found";
+    "points.features.*": count, high, "Cells of the projector found in the maps of a camera, over all sets";
+    "points.sets.*": count, high, "Maps of the camera with at least one cell";
 }
 
 /// Settings of [`Points`].
@@ -35,7 +35,7 @@ pub struct PointsSettings {
     /// Pixels of the camera around a point, to either side, that place it [px]
     #[schemars(range(min = 2, max = 20))]
     pub reach: usize,
-    /// Root mean square distance of these from the surface that fits them, at most: edges and what is no surface are left out [projector px]
+    /// Largest root mean square distance of these from the fitted surface: edges are left out [projector px]
     #[schemars(range(min = 0.01, max = 10.0))]
     pub max_misfit_px: f64,
 }
@@ -69,7 +69,7 @@ pub struct Points {
 impl Node for Points {
     const TYPE: &'static str = "structured_light.points";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Numbers points of what stands in a projector's light, in cameras and projector, to calibrate them without a board";
+    const SUMMARY: &'static str = "Matches scene points between cameras and projector, to calibrate without a board";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PointsSettings;
 

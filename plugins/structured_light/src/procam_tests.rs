@@ -104,7 +104,7 @@ fn mapped(set: PatternPictures) -> (String, Vec<[f64; 2]>) {
 type Change = dyn Fn(&mut Vec<Vec<u8>>, &mut Vec<String>);
 
 #[test]
-fn faults_of_a_real_set_are_named_and_accuse_no_other() {
+fn faults_of_a_real_set_are_named_and_no_other_picture() {
     let Some(folder) = foveate_testkit::data_dir_or_skip("faults of a real set", "s11_procam_graycode") else { return };
     let whole = real_set(&folder);
     let n = (whole.width * whole.height) as usize;
@@ -120,7 +120,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
         // One more says which axis is left out.
         let left_out = said.matches(", and points come from").count();
         assert_eq!(left_out, usize::from(columns != rows), "{said}");
-        let worked_out = said.matches("worked out from the other picture").count();
+        let worked_out = said.matches("reconstructed from the other picture").count();
         assert_eq!(
             said.matches("; ").count() + 1,
             expected.len() + left_out + worked_out,
@@ -143,8 +143,8 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
     check(&drop(38), &["found 41 pictures", "no picture shows bit 9 of the rows, expected after"], true, true);
     check(&drop(40), &["found 41 pictures", "no picture shows white"], true, true);
     let swap = |a: usize, b: usize| move |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it.swap(a, b);
-    check(&swap(5, 12), &["graycode_05.jpg` and `capture_0/graycode_12.jpg` stand in each other's places"], true, true);
-    check(&swap(22, 23), &["of the rows: picture and inverse are exchanged, and taken for each other"], true, true);
+    check(&swap(5, 12), &["graycode_05.jpg` and `capture_0/graycode_12.jpg` are swapped"], true, true);
+    check(&swap(22, 23), &["of the rows: picture and inverse are swapped"], true, true);
     let lose = |at: usize| {
         move |it: &mut Vec<Vec<u8>>, names: &mut Vec<String>| {
             it.drain(at..at + 2);
@@ -155,7 +155,7 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
         "found 40 pictures",
         "no picture shows bit 3 of the columns, expected",
         "shows bit 3 of the columns, inverse",
-        "bit 3 of the columns is told by the other bits",
+        "bit 3 of the columns: both pictures are missing",
     ];
     check(&lose(6), &both, true, true);
     let double = |it: &mut Vec<Vec<u8>>, _: &mut Vec<String>| it[15] = it[14].clone();
@@ -191,8 +191,8 @@ fn faults_of_a_real_set_are_named_and_accuse_no_other() {
 }
 
 #[test]
-fn bits_of_a_real_set_that_lack_altogether_are_told_rightly() {
-    let Some(folder) = foveate_testkit::data_dir_or_skip("bits that lack", "s11_procam_graycode") else { return };
+fn missing_bits_of_a_real_set_are_decoded_rightly() {
+    let Some(folder) = foveate_testkit::data_dir_or_skip("missing bits", "s11_procam_graycode") else { return };
     let whole = real_set(&folder);
     let n = (whole.width * whole.height) as usize;
     let (_, all) = mapped(whole.clone());
@@ -210,13 +210,13 @@ fn bits_of_a_real_set_that_lack_altogether_are_told_rightly() {
 }
 
 #[test]
-fn a_real_set_that_is_too_dark_is_told_for_that_alone() {
+fn a_real_set_that_is_too_dark_is_refused_for_that_alone() {
     let Some(folder) = foveate_testkit::data_dir_or_skip("a dark real set", "s11_procam_graycode") else { return };
     let mut set = real_set(&folder);
     set.pixels.iter_mut().for_each(|it| *it = (0.08 * f64::from(*it)) as u8);
     let (said, known) = decoded(set);
-    assert!(said.contains("too dark: a longer exposure"), "{said}");
-    assert!(!said.contains("graycode_"), "accuses pictures: {said}");
+    assert!(said.contains("too dark"), "{said}");
+    assert!(!said.contains("graycode_"), "names pictures: {said}");
     assert_eq!(known, [0.0; 2], "{said}");
 }
 

@@ -1,11 +1,11 @@
-//! `structured_light.projector`: shows the patterns of `foveate patterns` full screen on a page of the program's web server, and says when each was shown.
+//! `structured_light.projector`: shows the patterns of `foveate patterns` full screen on a page of the program's web server, and reports when each was shown.
 //!
-//! A projector is a second screen: somebody opens the page there. The page shows each picture pixel for pixel, in a frame of that screen, and reports the frame's time on
+//! A projector is a second screen: a person opens the page there. The page shows each picture pixel for pixel, in a frame of that screen, and reports the frame's time on
 //! the server's clock, with what that may be off (half a round trip between page and program). It was certainly shown from then, and that much later, until the next one was drawn, and
 //! that much earlier; where the frame after it came late, the screen may have been late by as much. A [`PatternShown`] is the time that is left.
 //!
 //! The next picture comes after a time (`advance = "rate"`), at a key on the page (`"key"`), or when a picture of the camera came in whose exposure began after this one's light
-//! (`"image"`); its light comes `latency_ms` after the frame. With `"image"` that picture is the last one in the time that is told.
+//! (`"image"`); its light comes `latency_ms` after the frame. With `"image"` that picture is the last one in the reported time.
 //!
 //! One window shows the patterns; others wait until it is closed. Where it is closed or changed in the middle of a set, that set is given up, and the next one begins.
 
@@ -31,7 +31,7 @@ ports! {
 
 figures! {
     "projector.sets.*": count, high, "Sets that the projector's page showed to the end";
-    "projector.pictures.*": count, neither, "Pictures of which the page said that it showed them, over all sets";
+    "projector.pictures.*": count, neither, "Pictures that the page reported as shown, over all sets";
     "projector.sets_broken.*": count, low, "Sets given up in the middle: the page was closed, hidden or changed in size";
     "projector.frames_dropped.*": count, low, "Pictures after which the page's next frame came late, so that they may have been shown late";
     "projector.clock_ms.max.*": ms, low, "Largest uncertainty of the time at which a picture was shown, from round trips between page and program";
@@ -51,7 +51,7 @@ pub enum Advance {
     Rate,
     /// When the camera's picture of this one has come in at `image`.
     Image,
-    /// When somebody presses space, Enter, → or page down on the page.
+    /// When a person presses space, Enter, → or page down on the page.
     Key,
 }
 
@@ -71,7 +71,7 @@ pub struct ProjectorSettings {
     /// With `advance = "rate"`: pictures a second, rounded to whole frames of the screen [Hz]
     #[schemars(range(min = 0.05, max = 240.0))]
     pub rate_hz: f64,
-    /// Sets to show; 0: on and on [–]
+    /// Sets to show; 0: without end [–]
     #[schemars(range(max = 1_000_000))]
     pub sets: u64,
     /// Between two sets, in which the page shows black [s]
@@ -127,8 +127,7 @@ pub struct Projector {
 impl Node for Projector {
     const TYPE: &'static str = "structured_light.projector";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "Shows striped patterns on a projector, full screen in a browser, and says when each was shown";
+    const SUMMARY: &'static str = "Shows striped patterns full screen in a browser, and reports when each was shown";
     const LIVE: bool = true;
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ProjectorSettings;

@@ -1,7 +1,7 @@
 //! `structured_light.triangulator`: projector maps in, point clouds out.
 //!
-//! A plane is linear in pixels when written as inverse depth, 1/z = a + b x + c y: that is how a point's neighbours say its normal, and which of them lie on the
-//! same surface. A point of which too few do is left out.
+//! A plane is linear in pixels when written as inverse depth, 1/z = a + b x + c y: so a point's neighbours give its normal, and which of them are on the
+//! same surface. A point with too few such neighbours is left out.
 
 mod around;
 mod sights;
@@ -32,7 +32,7 @@ ports! {
 
 figures! {
     "cloud.points.*": count, neither, "Points, over all maps of the camera";
-    "cloud.unmet.*": count, low, "Pixels of the camera whose ray meets nothing that the projector's coordinate would light before both, left out";
+    "cloud.unmet.*": count, low, "Pixels of the camera whose ray does not meet the projector's ray or plane in front of both, left out";
     "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
     "cloud.vague.*": count, low, "Pixels of the camera whose depth would be known less well than `max_sigma`, left out";
     "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
@@ -51,7 +51,7 @@ pub struct TriangulatorSettings {
     /// Standard deviation of a point along the camera's ray over its distance, at most; more: the pixel is left out. None: three times the median of the map's points, but 0.0005 to 0.002 [–]
     #[schemars(range(min = 0.000001, max = 1.0))]
     pub max_sigma: Option<f64>,
-    /// Pixels around a point, to either side, that say its normal and whether it is on a surface [px]
+    /// Pixels around a point, to either side, that determine its normal and whether it is on a surface [px]
     #[schemars(range(min = 1, max = 10))]
     pub reach: usize,
     /// Part of these pixels that must be on the same surface for a point to be kept [–]
@@ -86,12 +86,12 @@ impl Default for TriangulatorSettings {
 /// Where nothing is said, points are left out whose standard deviation is above so many times the median of all, within these limits of it over the distance [–].
 const TIMES_MEDIAN: f64 = 3.0;
 const USUAL_SIGMA: RangeInclusive<f64> = 5e-4..=2e-3;
-/// Pixels whose column and row do not belong together are told from this part on [–].
+/// Pixels whose column and row do not belong together are reported from this part on [–].
 const TOLD_MISFITS: f64 = 0.05;
-/// So many times as many points that are too vague as others are told, and are the end of a cloud: what is left then are accidents [–].
+/// With this many times as many too uncertain points as others, the cloud is refused: the remaining points are accidental [–].
 const TOLD_VAGUE: f64 = 0.15;
 const MOST_VAGUE: f64 = 8.0;
-/// A pair that stands farther apart is told: its calibration may have another unit than it says [m].
+/// A pair that is farther apart is reported: its calibration may have another unit than stated [m].
 const FAR_APART: f64 = 10.0;
 /// White pictures that wait for their map.
 const HELD: usize = 4;
@@ -132,8 +132,7 @@ pub struct Triangulator {
 impl Node for Triangulator {
     const TYPE: &'static str = "structured_light.triangulator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Makes a point cloud with covariances and normals of where the projector lights what a camera sees";
+    const SUMMARY: &'static str = "Triangulates camera and projector to a point cloud with covariances and normals";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TriangulatorSettings;
 
@@ -241,7 +240,7 @@ impl Node for Triangulator {
             }
             if is_set && misfits as f64 > TOLD_MISFITS * (misfits + points) as f64 && misfits <= points {
                 self.remarks.push(format!(
-                    "{}: at {:.0} % of the pixels column and row of the projector do not belong to one point, and these are left out, expected few: lenses or places of camera or projector are not calibrated as they are, or \
+                    "{}: at {:.0} % of the pixels column and row of the projector do not belong to one point, and these are left out, expected few: the calibration of camera or projector is wrong, or \
                      something moved; other points may be off by as much",
                     map.value.name,
                     100.0 * misfits as f64 / (misfits + points) as f64
@@ -258,7 +257,7 @@ impl Node for Triangulator {
             }
             if points == 0 && is_set {
                 let fault = format!(
-                    "{}: no point: {} pixels have a projector coordinate, expected most of what the projector lights; depths of {vague} would be vaguer than `max_sigma`, {alone} are without neighbours on \
+                    "{}: no point: {} pixels have a projector coordinate, expected most of the lit ones; {vague} depths would be less certain than `max_sigma`, {alone} are without neighbours on \
                      the same surface",
                     map.value.name, map.value.n_known
                 );
@@ -283,7 +282,7 @@ impl Node for Triangulator {
         let apart = (self.camera.centre() - self.projector.centre()).norm();
         if apart > FAR_APART {
             report.remark(format!(
-                "{name}: camera and projector stand {apart:.1} m apart by the calibration, expected less than {FAR_APART} m: are its places in metres? Points have its unit"
+                "{name}: camera and projector are {apart:.1} m apart by the calibration, expected less than {FAR_APART} m: is it in metres? Points have its unit"
             ));
         }
         std::mem::take(&mut self.remarks).into_iter().for_each(|it| report.remark(it));

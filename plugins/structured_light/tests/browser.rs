@@ -9,11 +9,11 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foveate::engine::{self, Options, Outcome};
 use foveate::imaging::stripes::pattern::picture;
 use foveate::node::Pages;
 use foveate::prelude::*;
-use foveate::rig::{self, Overrides};
+use foveate_embed::engine::{self, Options, Outcome};
+use foveate_embed::rig::{self, Overrides};
 use foveate_structured_light::PatternSettings;
 use foveate_testkit::chromium::{Chromium, Tab};
 use foveate_web::Server;
@@ -121,9 +121,9 @@ fn run(text: &str, shots: Option<Receiver<(Instant, Image)>>) -> Running {
     let mut registry = Registry::new();
     foveate_structured_light::register(&mut registry);
     let keep = Arc::clone(&kept);
-    registry.add_made::<Keep>(move |_, _| Ok(Keep(Arc::clone(&keep))));
+    registry.add_with::<Keep>(move |_, _| Ok(Keep(Arc::clone(&keep))));
     let shots = Mutex::new(shots);
-    registry.add_made::<Screen>(move |_, setup| {
+    registry.add_with::<Screen>(move |_, setup| {
         let none = channel().1;
         let shots = if setup.purpose == Purpose::Run { shots.lock().unwrap().take() } else { None };
         Ok(Screen { shots: shots.unwrap_or(none), pending: None })
@@ -267,7 +267,7 @@ fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
     let second: Vec<&PatternShown> = kept.shown.iter().filter(|it| it.set == 1).collect();
     assert!(second.iter().zip(second.iter().skip(1)).all(|it| it.0.index < it.1.index && it.0.from < it.1.from));
     let n_gaps: u64 = outcome.gaps.iter().map(|it| it.count).sum();
-    assert_eq!(second.len() + n_gaps as usize, n + 1, "what the page dropped is told, and the set that was given up");
+    assert_eq!(second.len() + n_gaps as usize, n + 1, "dropped pictures and the abandoned set are reported");
     let whole = (second[second.len() - 1].from - second[0].from).as_s();
     let steps = f64::from(second[second.len() - 1].index - second[0].index);
     assert!((0.32..0.5).contains(&(whole / steps)), "{} s a picture", whole / steps);
@@ -275,7 +275,7 @@ fn at_a_rate_patterns_follow_one_another_and_a_page_that_is_closed_is_named() {
     println!("{} s a picture; {:?}", whole / steps, outcome.report.figures);
 }
 
-/// At a key: as fast as somebody presses it.
+/// At a key: as fast as a person presses it.
 #[test]
 fn a_key_on_the_page_shows_the_next_pattern() {
     let Some(browser) = Chromium::start_or_skip(1) else { return };

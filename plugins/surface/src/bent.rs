@@ -1,7 +1,7 @@
-//! What patches on a bent surface are off by: each is matched as if it were flat, and comes out where the surface lies on average over it.
+//! Bias of patches on a curved surface: each is matched as if it were flat, which gives the surface's mean over the patch.
 //!
 //! Where matches go over a patch of n pixels as m(u, v), the affine fit has m + (m_uu + m_vv)/2 · (n² − 1)/12 at its middle, for (n² − 1)/12 is the mean of u² and of v² over its pixels, and slopes have no part in it.
-//! How matches bend is read from the points around; it is taken off as far as that is known, and what is left goes into the covariance.
+//! The curvature is estimated from the points around; the known part is subtracted, and the rest is added to the covariance.
 
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use crate::views::View;
 /// Points around are taken within so many widths of the patch, a little more than it covers itself, or of the grid's squares, which makes 37 of them: whichever is more [–].
 const AROUND: f64 = 0.8;
 const AROUND_GRID: f64 = 3.3;
-/// So many points around are asked for: a parabola in two directions has six numbers.
+/// Fewest points around: a parabola in two directions has six parameters.
 const LEAST: usize = 12;
 /// Matches of the points around that are off by more than this part of their distance from the middle, and so many pixels, lie on another surface [–].
 const OFF: f64 = 0.5;
@@ -26,10 +26,10 @@ const LEAST_SCATTER: f64 = 0.2;
 /// Points around that lie on one side: how far their middle is off, over how far they reach, that makes them doubtful [–]. Of half a disc it is 0.42.
 const ONE_SIDED: f64 = 0.6;
 
-/// Where a point lies once the bending of the surface is taken off, and how well that is known [m, m²].
+/// Position of a point without the bias, and its covariance [m, m²].
 pub type Straight = (Point3<f64>, Matrix3<f64>);
 
-/// Of each sample, its place with the bending of the surface around it taken off. Samples that have too few others around are as they were measured.
+/// Positions of the samples without the bias. Samples with too few others around stay as measured.
 pub fn straightened(views: &[View], samples: &[&Sample], options: &MeasureOptions, spacing_px: usize) -> Vec<Straight> {
     let width = (2 * options.reach + 1) as f64;
     let around = (AROUND * width).max(AROUND_GRID * spacing_px as f64);

@@ -1,8 +1,8 @@
-//! `surface.calibrator`: cameras, each from one picture or more of a cylinder with numbered columns of rectangles, all in the cylinder's space.
+//! `surface.calibrator`: calibrates cameras, each from one picture or more of a cylinder with numbered columns of rectangles, all in the cylinder's space.
 //!
-//! The target's axis is the world's z, upwards, its first column lies on +x, the next ones in the direction of positive angles; heights are counted from the
-//! target's own edge as `lowest_mm` says. Each camera by itself: direct linear transformation, then optics and lens. What it sees of columns
-//! that are not whole is then named by where the camera has them, and the camera is solved once more.
+//! The target's axis is the world's z, upwards, its first column lies on +x, the next ones in the direction of positive angles; heights are measured from the
+//! target's own edge as `lowest_mm` says. Each camera by itself: direct linear transformation, then optics and lens. Rectangles of incomplete
+//! columns are then labelled by their projections, and the camera is solved once more.
 
 use std::collections::BTreeMap;
 
@@ -20,12 +20,12 @@ ports! {
 }
 
 figures! {
-    "calibration.rms_px.*": px, low, "Root mean square distance of the camera's rectangles from where its calibration has them, those left out not counted";
-    "calibration.held_out_px.*": px, low, "The same of every fifth rectangle, under a calibration from the four others, root mean square over all five turns";
-    "calibration.linear_px.*": px, neither, "Root mean square distance under the direct linear transformation, which knows no lens: what the lens is worth";
-    "calibration.rectangles.*": count, high, "Rectangles that the camera's calibration is from";
-    "calibration.left_out.*": count, low, "Labelled rectangles that are too far off and were left out";
-    "calibration.focal_sigma.*": share, low, "Standard deviation of the camera's focal lengths in common, relative";
+        "calibration.rms_px.*": px, low, "Root mean square reprojection error of the camera's rectangles, without those left out" => "rectangles off the calibration";
+        "calibration.held_out_px.*": px, low, "The same for every fifth rectangle, under a calibration from the others, root mean square over all five rounds" => "rectangles held out";
+    "calibration.linear_px.*": px, neither, "Root mean square distance under the direct linear transformation, without lens distortion, for comparison";
+        "calibration.rectangles.*": count, high, "Rectangles used for the camera's calibration";
+        "calibration.left_out.*": count, low, "Labelled rectangles left out as too far off";
+        "calibration.focal_sigma.*": share, low, "Standard deviation of the camera's common focal length, relative";
 }
 
 /// Settings of [`TargetCalibrator`].
@@ -50,9 +50,9 @@ pub struct CalibratorSettings {
     /// Height of the lowest row [mm]
     #[schemars(range(min = -100000.0, max = 100000.0))]
     pub lowest_mm: f64,
-    /// Whether the lens may be decentred: two numbers more, which take a target that fills the picture [–]
+    /// Whether decentring of the lens is estimated: two more parameters, which need a target that fills the picture [–]
     pub decentering: bool,
-    /// Name of the calibration that is written into the results folder [–]
+    /// Name of the calibration file in the results folder [–]
     pub file: String,
 }
 
@@ -221,7 +221,7 @@ impl TargetCalibrator {
         report.figure(format!("calibration.rms_px.{name}"), rms_px);
         if rms_px > MOST_RMS_PX {
             report.remark(format!(
-                "`{name}`: rectangles are {rms_px:.2} px off their places, root mean square, expected less than {MOST_RMS_PX} px: are `radius_mm`, `column_mm` and `row_mm` ({}, {}, {}) those of the target?",
+                "`{name}`: the reprojection error of the rectangles is {rms_px:.2} px, root mean square, expected less than {MOST_RMS_PX} px: do `radius_mm`, `column_mm` and `row_mm` ({}, {}, {}) match the target?",
                 self.settings.radius_mm, self.settings.column_mm, self.settings.row_mm
             ));
         }

@@ -1,7 +1,7 @@
-//! Whether clouds of several references say the same of a surface that they share.
+//! Compares clouds of several references where they share a surface.
 //!
-//! A camera that was moved, or whose lens is another, shows in no point that it and one other see: along their epipolar line every depth fits. But two clouds whose points do not come of the same
-//! cameras then lie beside each other. Each point of one is looked for in the other's picture: it is off the surface there where it lies before it, which that camera would have seen, or close behind it.
+//! A camera that was moved, or whose lens is another, is not visible in points that it and one other camera see: along their epipolar line every depth fits. But two clouds whose points do not come of the same
+//! cameras are then apart. Each point of one is projected into the other's picture: it is off the surface there where it lies in front of it, which that camera would have seen, or close behind it.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use crate::cover::{CoverOptions, Covered, cell_of, remove};
 use crate::measure::Sample;
 use crate::views::View;
 
-/// Points of a cloud that are looked for in the others, at most.
+/// Most points of a cloud that are compared with the others.
 const ASKED: usize = 2000;
 /// Places at which two clouds are compared, at least.
 const LEAST_PLACES: usize = 40;
@@ -87,16 +87,16 @@ impl Clouds {
         named.sort_by_key(|it| it.0);
         for (view, (count, offs)) in named {
             report.remark(format!(
-                "`{}` contradicts the other cameras: points that it has part in lie {:.1} mm off what others see, in the median; these {count} points were left out: it was moved since it was calibrated, its \
-                 calibration is wrong, it is out of step, or its pictures are another camera's",
+                "`{}` contradicts the other cameras: its points are {:.1} mm off those of others, in the median, and {count} were left out: it was moved since it was calibrated, its \
+                 calibration is wrong, it is not synchronised, or its pictures are another camera's",
                 views[*view].name,
                 1e3 * median(offs).unwrap_or(0.0)
             ));
         }
         if let (n @ 1.., share) = self.unnamed {
             report.remark(format!(
-                "clouds of different cameras contradict each other in {n} moments, at up to {:.0} % of the places that two of them see; which camera it is, they do not say: some were moved since they were calibrated, or \
-                 are out of step; points are not to be believed to what they state",
+                "clouds of different cameras contradict each other in {n} moments, at up to {:.0} % of the places that two of them see, and the faulty camera is ambiguous: some were moved since they were calibrated, or \
+                 are not synchronised; points are less accurate than stated",
                 100.0 * share
             ));
         }
@@ -131,7 +131,7 @@ fn places(views: &[View], surfaces: &[(usize, Vec<Covered>)], options: &CoverOpt
     places
 }
 
-/// A point held against another camera's surface.
+/// Compares a point with another camera's surface.
 fn compared(
     to: &View,
     point: &Covered,

@@ -1,8 +1,8 @@
-//! A surface from seeds: points on a grid over the reference's picture, grown best first, and what is held against each of them once all are there.
+//! A surface from seeds: points on a grid over the reference's picture, grown best first, and checks of each of them once all are there.
 //!
-//! Each point was held against the gates of its match, against the way back and against the epipolar line when it was measured. Here it is held against its
+//! Each point passed the gates of its match, the match back and the epipolar line when it was measured. Here it is compared with its
 //! neighbours: seen along the reference's lines of sight a plane has an inverse depth that is linear in pixels, and steps over the grid come in the same order in
-//! all views. What few neighbours agree with is left out, and so is what has few of them.
+//! all views. Points with few agreeing neighbours, or few neighbours, are left out.
 
 use std::collections::{HashMap, HashSet};
 
@@ -20,13 +20,13 @@ pub struct CoverOptions {
     pub spacing_px: usize,
     /// Neighbours that a node of the grid is tried from.
     pub tries: u8,
-    /// How far around a point neighbours are asked, in steps of the grid.
+    /// Neighbourhood of a point, in steps of the grid.
     pub around: usize,
     /// Part of the places around it at which there must be neighbours that agree.
     pub min_agreeing: f64,
     /// What a neighbourhood may deviate from its plane beside its distance, beyond noise [–].
     pub step: f64,
-    /// Points of a piece of surface that no other hangs together with, at least.
+    /// Fewest points of a piece of surface that is not connected to others.
     pub min_piece: usize,
 }
 
@@ -84,7 +84,7 @@ pub fn pixel_of(cell: [usize; 2], spacing_px: usize) -> [f64; 2] {
     cell.map(|it| ((it * spacing_px) + spacing_px / 2) as f64)
 }
 
-/// Grows from `seeds` over all that hangs together with them.
+/// Grows from `seeds` over the connected surface.
 pub fn cover(
     measurer: &mut Measurer,
     views: &[View],
@@ -116,7 +116,7 @@ pub fn cover(
     (kept, LeftOut { cut, ..left_out })
 }
 
-/// Seeds that share a node of the grid with a better one among `kept`, and hang together with it: points that are followed are not bound to the grid.
+/// Seeds that share a node of the grid with a better one among `kept`, and are connected to it: tracked points are not bound to the grid.
 pub fn crowded(seeds: &[Sample], kept: &[Covered], camera: &Camera, options: &CoverOptions) -> Vec<Covered> {
     let by_cell: HashMap<[usize; 2], &Covered> = kept.iter().map(|it| (it.cell, it)).collect();
     let is_kept: HashSet<usize> = kept.iter().filter_map(|it| it.seed).collect();
@@ -137,7 +137,7 @@ pub fn crowded(seeds: &[Sample], kept: &[Covered], camera: &Camera, options: &Co
     on_its_surface.collect()
 }
 
-/// Holds every point against its neighbours.
+/// Compares every point with its neighbours.
 fn judge(camera: &Camera, grown: Vec<Grown<Node>>, growth: Growth, options: &CoverOptions) -> (Vec<Covered>, LeftOut) {
     let Growth { columns, rows, .. } = growth;
     let mut at = vec![usize::MAX; columns * rows];
@@ -200,7 +200,7 @@ pub fn remove(list: &mut Vec<Covered>, numbers: &[usize]) {
     list.retain(|_| out.next() == Some(&false));
 }
 
-/// Pieces of surface, each as the numbers of its points. Neighbours in the grid hang together where their depths do.
+/// Pieces of surface, each as the numbers of its points. Neighbours in the grid are connected where their depths are continuous.
 pub fn pieces(kept: &[Covered], camera: &Camera, options: &CoverOptions) -> Vec<Vec<usize>> {
     let [columns, rows] = grid(camera, options.spacing_px);
     let centre = camera.centre();

@@ -1,4 +1,4 @@
-//! `surface.cylinder`: what a cloud is worth on a cylinder whose size nobody told it.
+//! `surface.cylinder`: fits a cylinder of unknown size to a cloud, and reports the deviations.
 
 use foveate::geometry::surface::{Cylinder, SurfacePoint, roughness};
 use foveate::prelude::*;
@@ -10,20 +10,20 @@ ports! {
 }
 
 figures! {
-    "cylinder.radius_mm": mm, neither, "Radius of the cylinder that fits a cloud best, mean over the clouds";
+    "cylinder.radius_mm": mm, neither, "Radius of the cylinder that fits a cloud best, mean over the clouds" => "radius of the cylinder";
     "cylinder.radius_mm.spread": mm, low, "Largest difference of two clouds' radii";
-    "cylinder.rms_mm": mm, low, "Root mean square distance of a cloud's points from its cylinder, all of them, mean over the clouds";
+    "cylinder.rms_mm": mm, low, "Root mean square distance of a cloud's points from its cylinder, all of them, mean over the clouds" => "points off the cylinder";
     "cylinder.points": count, high, "Points of a cloud, the least over the clouds";
-    "cylinder.roughness_mm": mm, low, "Root mean square of what points deviate, along their normal, from the quadric through their neighbours within `radius_mm`, for its degrees of freedom, over all clouds";
+    "cylinder.roughness_mm": mm, low, "Root mean square deviation of points, along their normal, from the quadric through their neighbours within `radius_mm`, for its degrees of freedom, over all clouds";
     "cylinder.clouds": count, neither, "Clouds that a cylinder was fitted to";
-    "cylinder.refused": count, low, "Clouds that are no part of a cylinder: too few points, a plane";
+        "cylinder.refused": count, low, "Clouds without a cylinder: too few points, or a plane";
 }
 
 /// Settings of [`CylinderFit`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CylinderSettings {
-    /// Within this neighbours say how rough the surface is [mm]
+    /// Radius of the neighbourhood for the roughness [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub radius_mm: f64,
 }
@@ -34,7 +34,7 @@ impl Default for CylinderSettings {
     }
 }
 
-/// Points whose roughness is asked, of a cloud.
+/// Most points of a cloud for the roughness.
 const ASKED: usize = 4000;
 
 /// Clouds in, figures out.
@@ -49,7 +49,7 @@ pub struct CylinderFit {
 impl Node for CylinderFit {
     const TYPE: &'static str = "surface.cylinder";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Fits a cylinder to each cloud and says how far and how rough its points are";
+    const SUMMARY: &'static str = "Fits a cylinder to each point cloud, and reports deviations and roughness";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CylinderSettings;
 

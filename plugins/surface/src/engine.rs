@@ -1,4 +1,4 @@
-//! A surface at one moment: seeds, growth and what is said of both, as the matcher and the tracker do it.
+//! A surface at one moment: seeds, growth and remarks, shared by the matcher and the tracker.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub struct Engine {
     pub measurer: Measurer,
     /// Of seeds.
     pub seeds: SeedCounts,
-    /// Moments at which seeds were looked for.
+    /// Moments at which seeds were searched.
     begun: u64,
     /// Named seeds that found nothing, by their number in the settings.
     pub bad_seeds: BTreeMap<usize, String>,
@@ -94,7 +94,7 @@ impl Engine {
         faults
     }
 
-    /// Why the points of a moment are not given out: their cameras are out of step, or one was moved; else they are counted, and for each whether all views see it before which it lies.
+    /// Why the points of a moment are not sent: their cameras are not synchronised, or one was moved; otherwise they are counted, with whether all views that face them see them.
     pub fn give<'a>(&mut self, points: impl Iterator<Item = (&'a Sample, &'a Vector3<f64>)> + Clone) -> Option<String> {
         let misfits = self.misfits();
         let samples: Vec<&Sample> = points.clone().map(|it| it.0).collect();
@@ -113,7 +113,7 @@ impl Engine {
         why
     }
 
-    /// By what the variances of the last moment's points are multiplied, for cameras that contradict each other [–].
+    /// Factor on the variances of the last moment's points, for cameras that contradict each other [–].
     pub fn widened(&self) -> f64 {
         self.in_step.widened()
     }
@@ -139,7 +139,7 @@ impl Engine {
         self.prepared.seeds.distance_m = distance_m;
     }
 
-    /// Whether somebody named seeds that the reference sees.
+    /// Whether the settings name seeds that the reference sees.
     pub fn is_named(&self) -> bool {
         self.prepared.named.iter().flatten().any(|it| it.0 == self.prepared.reference)
     }
@@ -175,8 +175,8 @@ impl Engine {
         samples
     }
 
-    /// Everything that hangs together with `seeds`. What hangs together with none that somebody named, or that is followed (`are_known`), is left out where its texture repeats, so that it may as well
-    /// lie at another depth.
+    /// The surface connected to `seeds`. Pieces without a named or tracked (`are_known`) seed are left out where their texture repeats, as they may
+    /// be at another depth.
     pub fn grow(&mut self, moment: &Moment, seeds: &[Sample], are_known: bool) -> Vec<Covered> {
         let Prepared { views, reference, measure, cover: options, .. } = &self.prepared;
         let (mut found, left_out) = cover(&mut self.measurer, views, moment, *reference, seeds, measure, options);
@@ -256,8 +256,8 @@ impl Engine {
         report.figure("surface.refused.contradicted", self.left_out.contradicted as f64);
         if let Some(off) = foveate::estimation::statistics::median(&self.contradicted_m) {
             report.remark(format!(
-                "{} points of {} pieces of surface were left out: some cameras see them {:.1} mm nearer or farther than others do: one was moved since it was calibrated, or its calibration is wrong, or it is \
-                 out of step",
+                "{} points of {} pieces of surface were left out: their depth differs by {:.1} mm between cameras: one was moved since it was calibrated, its calibration is wrong, or it is \
+                 not synchronised",
                 self.left_out.contradicted,
                 self.contradicted_m.len(),
                 1e3 * off
@@ -266,8 +266,8 @@ impl Engine {
         let off = foveate::estimation::statistics::median(&self.elsewhere_m).unwrap_or(0.0);
         if !self.elsewhere_m.is_empty() {
             report.remark(format!(
-                "{} points of {} pieces of surface were left out: most of their patches look as good at another depth, {:.0} mm off: the texture repeats; expected one that does not, `seeds` that \
-                 somebody saw, `volume_m` or `distance_m` so narrow that one depth is left, or a camera more",
+                "{} points of {} pieces of surface were left out: most of their patches match as well at another depth, {:.0} mm off: the texture repeats; expected another texture, `seeds` \
+                 chosen by hand, a `volume_m` or `distance_m` with one possible depth, or one more camera",
                 self.left_out.repeats,
                 self.elsewhere_m.len(),
                 1e3 * off
@@ -277,23 +277,23 @@ impl Engine {
         let attempts = self.measurer.measured as f64 + misfits;
         if misfits > LEAST_MISFITS && misfits > OFF_LINES * attempts && self.given.0 == 0 {
             report.remark(format!(
-                "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there: the calibration is not that of these pictures (cameras exchanged, pictures mirrored, \
-                 turned or cropped, a camera moved since), or cameras are out of step; nothing is given out, for what happens to lie on the lines is not to be believed before that is found",
+                "{:.0} % of the patches that were recognised in another view are off their epipolar lines there: the calibration does not match these pictures (cameras exchanged, pictures mirrored, \
+                 rotated or cropped, a camera moved since), or cameras are not synchronised; no points are sent, as accidental matches on the lines are unreliable",
                 100.0 * misfits / attempts
             ));
         }
         let alone = self.left_out.alone as f64 / self.measurer.measured as f64;
         if alone > ALONE {
             report.remark(format!(
-                "{:.0} % of the points that were measured were left out, for few of their neighbours lie on one plane with them to {} of the distance (`step`), beyond what they are known to: where the surface \
-                 bends so much from point to point, a smaller `spacing_px` or a larger `step` keeps them; where it does not, cameras are not as they were calibrated, or texture is poor",
+                "{:.0} % of the points that were measured were left out, because few of their neighbours are in one plane with them within {} of the distance (`step`) and their uncertainty: where the surface \
+                 is curved that much from point to point, use a smaller `spacing_px` or a larger `step`; otherwise the calibration has changed, or the texture is poor",
                 100.0 * alone,
                 self.prepared.cover.step
             ));
         }
         if self.left_out.cut as f64 > CUT * self.measurer.measured as f64 {
             report.remark(format!(
-                "the surface goes on beyond the scale's `volume_m`: beside points of it {} more were found that lie out of it; what lies there is not measured, as it should be where the volume keeps other things out",
+                "the surface extends beyond the scale's `volume_m`: {} neighbouring points were found outside; these are not measured, which is right where the volume excludes other objects",
                 self.left_out.cut
             ));
         }
@@ -303,8 +303,8 @@ impl Engine {
         report.figure("surface.unseen", unseen);
         if unseen > UNSEEN {
             report.remark(format!(
-                "{:.0} % of the points are not seen by some camera that they face, and none but two may confirm them: cameras are out of step (by a field, or a frame), one has moved since it was \
-                 calibrated, or something stands before them; `surface.min_views = 3` leaves out what a third camera does not confirm",
+                "{:.0} % of the points are not seen by some camera that they face, and two views may confirm them: cameras are not synchronised (by a field, or a frame), one has moved since it was \
+                 calibrated, or something occludes them; `surface.min_views = 3` leaves out points without a third camera",
                 100.0 * unseen
             ));
         }
@@ -312,7 +312,10 @@ impl Engine {
         report.figure("surface.seeds.ambiguous", self.seeds.ambiguous as f64);
         report.figure("surface.seeds.found", self.seeds.found as f64);
         for (number, why) in &self.bad_seeds {
-            report.remark(format!("seed {} of `seeds` is on no surface that all its cameras see: {why}", number + 1));
+            report.remark(format!(
+                "seed {} of `seeds` was not found on a surface that all its cameras see: {why}",
+                number + 1
+            ));
         }
         if self.prepared.named.is_empty()
             && self.begun > 0
@@ -332,7 +335,7 @@ impl Engine {
         let away = views.iter().map(|it| (it.camera.centre() - from).norm());
         let nearest = away.filter(|it| *it > 0.0).reduce(f64::min).filter(|it| *it > FAR_APART_M)?;
         Some(format!(
-            "the reference and the camera nearest to it stand {nearest:.0} m apart by their calibration, and speeds, distances and errors are as large: is it in millimetres \
+            "the reference and the nearest camera are {nearest:.0} m apart in the calibration: is it in millimetres \
              (`foveate convert --metres-per-unit 0.001`)?"
         ))
     }
@@ -346,13 +349,13 @@ impl Engine {
         let n = views.iter().filter(is_aside).count();
         (references.len() == 1 && n > 0).then(|| {
             format!(
-                "{n} cameras look from another side than the reference, `{}`, does, and what it does not see is not measured",
+                "{n} cameras look from another side than the reference, `{}`; surface that the reference does not see is not measured",
                 from.name
             )
         })
     }
 
-    /// Why no point was given out, as what became of the seeds says it.
+    /// Why no point was sent, from the counts of seeds.
     fn why_nothing(&self) -> String {
         let SeedCounts { tried, ambiguous, even, unlike, refused, found } = self.seeds;
         let nothing = match found {
@@ -361,29 +364,29 @@ impl Engine {
         };
         if tried == 0 {
             let name = &self.prepared.views[self.prepared.reference].name;
-            return format!("{nothing}: no patch of the pictures of `{name}`, the reference, has texture");
+            return format!("{nothing}: no patch in the pictures of the reference `{name}` has texture");
         }
         let looked = format!(
-            "{nothing}: of {tried} textured patches that were looked for along their epipolar lines {ambiguous} have a second place that is as good, {even} look alike all along them, and {unlike} like \
-             nothing there;"
+            "{nothing}: of {tried} textured patches that were searched along their epipolar lines {ambiguous} have a second place that is as good, {even} look alike all along them, and {unlike} match \
+             nowhere;"
         );
         // Of points that were tried from seeds, too; without points there are few.
         let most = self.measurer.refused.iter().max_by_key(|it| it.1).map_or("", |it| it.0).replace('_', " ");
         if refused > ambiguous.max(even).max(unlike) {
             return format!(
-                "{looked} {refused} were found there coarsely and refused when they were matched finely, most often for \u{201c}{most}\u{201d} (`surface.refused.*`): expected pictures of all cameras as sharp and as \
-                 clear as each other, and a calibration that is theirs"
+                "{looked} {refused} were found at coarse resolution and refused at full resolution, most often for \u{201c}{most}\u{201d} (`surface.refused.*`): expected pictures of all cameras as sharp and as \
+                 clear as each other, and the matching calibration"
             );
         }
         if 2 * ambiguous > tried {
-            format!("{looked} the texture repeats: expected one that does not, or `seeds` that somebody saw")
+            format!("{looked} the texture repeats: expected another texture, or `seeds` chosen by hand")
         } else if even > ambiguous.max(unlike) {
             format!(
                 "{looked} expected more texture, three or four blobs to a patch of `patch_px`: finer pictures, larger patches, or a pattern that is projected"
             )
         } else {
             format!(
-                "{looked} expected patches that are alike in two views: pictures of the calibrated cameras (not exchanged, mirrored, turned or cropped), taken at the same time, with the surface at the \
+                "{looked} expected similar patches in two views: pictures of the calibrated cameras (not exchanged, mirrored, rotated or cropped), taken at the same time, with the surface at the \
                  distances given, and texture on it: three or four blobs to a patch"
             )
         }

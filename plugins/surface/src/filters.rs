@@ -1,4 +1,4 @@
-//! What a trajectory must hold against: thresholds, and the motion of what lies around it [D'Apuzzo 1999 §2.4.2].
+//! Checks of trajectories: thresholds, and the motion of neighbours [D'Apuzzo 1999 §2.4.2].
 
 use foveate::prelude::*;
 
@@ -21,8 +21,8 @@ pub struct FilterOptions {
     pub uniform_m: f64,
 }
 
-/// Parts points into those that hold and those that do not, with the reason. In space the velocity is held against the median of the neighbours' velocities;
-/// in time what it gained over the last step against what they gained: a point that alone starts or alone stops is as false as one that moves otherwise.
+/// Splits points into accepted and rejected ones, with the reason. In space the velocity is compared with the median of the neighbours' velocities;
+/// in time its change over the last step with theirs: a point that starts or stops alone is as false as one with another motion.
 pub fn filter(
     found: Vec<Track>,
     before: &[Track],
@@ -65,7 +65,7 @@ pub fn filter(
     (held, ended)
 }
 
-/// A point without neighbours is not uniform with anything, and not to be believed by itself.
+/// A point without neighbours cannot be uniform with them, and is rejected.
 fn is_uniform(
     track: &Track,
     around: &Neighbourhood<'_>,

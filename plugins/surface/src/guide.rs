@@ -1,4 +1,4 @@
-//! Where a body says that points of its surface are which no picture shows: each goes with the part of the body that it lies on.
+//! Predicts surface points from a body where no picture shows them: each moves with the part of the body that it is on.
 
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -50,7 +50,7 @@ impl Guide {
         Some(Anchor { part: (id, part.part), place: part.scale_from_part.inverse_transform_point(point) })
     }
 
-    /// Takes the space of an anchor's part to the world at `time`: it goes on as it moved between the last two messages. `None` where the last one has no such part.
+    /// Transform from the space of an anchor's part to the world at `time`, extrapolated from the last two messages. `None` where the last one has no such part.
     pub fn pose(&self, anchor: &Anchor, time: Time) -> Option<Isometry3<f64>> {
         let last = self.last.as_ref()?;
         let now = pose_in(last, anchor.part)?;

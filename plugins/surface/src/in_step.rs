@@ -1,4 +1,4 @@
-//! Whether the cameras that look at a surface do so at the same time, from where they were calibrated.
+//! Diagnosis of cameras that are not synchronised, or were moved since their calibration.
 
 use std::sync::Arc;
 
@@ -47,7 +47,7 @@ const WIDE_PX: f64 = 0.75;
 /// Where they pass by so many times as much in some moment as in the best, and by more than this, the cameras are as they were calibrated but look at different times: of scenes that move in step it is 1.1 to 1.4 times, of a real rig whose lenses are known to 0.4 px 2.0 [–, px].
 const GROWS: f64 = 2.5;
 const GROWN_PX: f64 = 0.1;
-/// A moment is left out, and not told alone, where they pass by so many times as much more than in the best one, [–]
+/// A moment is left out, instead of only reported, where the residual exceeds that of the best one by this factor, [–]
 const MUCH_MORE: f64 = 9.0;
 /// at least and at most by these parts of what they may at all: lenses, rolling shutters and cameras that creep make less, of a real rig 0.12 px a picture [–].
 const LEFT_OUT: [f64; 2] = [0.25, 0.5];
@@ -55,7 +55,7 @@ const LEFT_OUT: [f64; 2] = [0.25, 0.5];
 pub const OFF_LINES: f64 = 0.08;
 /// Views contradict each other where their lines of sight pass by so many times what their matches and the calibration (`camera_sigma_px`) would have: chance makes 1, of a median over a moment's points [–].
 const CONTRADICTS: f64 = 2.5;
-/// Points of a moment that are asked which view it is, at most [–].
+/// Most points of a moment for finding the faulty view [–].
 const ASKED: usize = 60;
 /// A view is named where the others pass by less than this part of what they do without any other view [–].
 const NAMED: f64 = 0.4;
@@ -83,7 +83,7 @@ impl InStep {
             self.stuck[at] += 1;
             if self.stuck[at] == 1 {
                 faults.push(format!(
-                    "`{}`: found the same picture as a moment before, to the last bit, while another camera's has changed; expected one of its own for each moment: it is taken for none",
+                    "`{}`: found the same picture as a moment before, byte for byte, while another camera's has changed; expected a new one for each moment: it is not used",
                     views[at].name
                 ));
             }
@@ -114,10 +114,10 @@ impl InStep {
         };
         let why = match (now.zip(least_px), share) {
             (Some((now, least)), _) if now > limit_px(least) => format!(
-                "lines of sight of its points pass the places that they agree on by {now:.2} px in the median, {least:.2} px in an earlier moment"
+                "the median residual of its lines of sight is {now:.2} px, but {least:.2} px in an earlier moment"
             ),
             (_, Some(share)) if share > OFF_LINES => format!(
-                "{:.0} % of the patches that were recognised in another view lie off their epipolar lines there, expected {:.0} % at most",
+                "{:.0} % of the patches that were recognised in another view are off their epipolar lines there, expected {:.0} % at most",
                 100.0 * share,
                 100.0 * OFF_LINES
             ),
@@ -127,7 +127,7 @@ impl InStep {
             }
         };
         self.left_out += 1;
-        Some(format!("{why}: cameras are out of step, exchanged, or one was moved; it is left out"))
+        Some(format!("{why}: cameras are not synchronised, exchanged, or one was moved; the moment is left out"))
     }
 
     /// Whether views contradict each other: three or more where enough points are seen by as many, or two, of which it is seen across the base alone.
@@ -196,19 +196,19 @@ impl InStep {
         report.figure("surface.out_of_step", self.left_out as f64);
         if self.left_out > 0 {
             report.remark(format!(
-                "{} moments were left out: lines of sight pass each other there by far more than in earlier ones, or patches lie off their epipolar lines: cameras are out of step (by a field, or a picture), exchanged, or \
+                "{} moments were left out: their residuals are far larger than earlier, or patches are off their epipolar lines: cameras are not synchronised (by a field, or a picture), exchanged, or \
                  one was moved",
                 self.left_out
             ));
         } else if most_px > GROWN_PX && most_px > GROWS * least_px {
             report.remark(format!(
-                "lines of sight of a moment's points pass the places that they agree on by {most_px:.2} px in one moment and by {least_px:.2} px in another, in the median, expected about the same in all: cameras are \
-                 out of step (by a field, or a picture), or one was moved; depths and motions of these moments are not to be believed"
+                "the median residual of lines of sight is {most_px:.2} px in one moment and {least_px:.2} px in another, expected about the same in all: cameras are \
+                 not synchronised (by a field, or a picture), or one was moved; depths and motions of these moments are unreliable"
             ));
         } else if middle_px > WIDE_PX && self.contradicted.0 == 0 {
             report.remark(format!(
-                "lines of sight of points pass the places that they agree on by {middle_px:.2} px in the median, expected less than {WIDE_PX} px: lenses or places of cameras are not as they were calibrated, pictures are \
-                 shifted or cropped, or cameras are out of step"
+                "the median residual of lines of sight is {middle_px:.2} px, expected less than {WIDE_PX} px: lenses or poses of cameras have changed since calibration, pictures are \
+                 shifted or cropped, or cameras are not synchronised"
             ));
         }
         if let (n, Some(Contradiction { found_px, expected_px, without, are_two })) = &self.contradicted {
@@ -216,13 +216,13 @@ impl InStep {
             let who = match without {
                 Some((name, left_px)) => format!("without `{name}` the others agree to {left_px:.2} px"),
                 None if *are_two => {
-                    "along their base, where depths come from, they may be off by as much and more".to_owned()
+                    "along their base, which determines depth, the error may be as large or larger".to_owned()
                 }
-                None => "which of them it is, they do not say".to_owned(),
+                None => "the faulty camera is ambiguous".to_owned(),
             };
             report.remark(format!(
-                "cameras contradict each other in {n} moments: lines of sight of points that {seen} of them see pass the places that they agree on by {found_px:.2} px in the median, expected {expected_px:.2} px as matches and \
-                 `camera_sigma_px` have it; {who}: lenses or places of cameras are not as they were calibrated, pictures are shifted or cropped, or cameras are out of step; points are given out as uncertain as that makes them"
+                "cameras contradict each other in {n} moments: the median residual of points that {seen} of them see is {found_px:.2} px, expected {expected_px:.2} px by their matches and \
+                 `camera_sigma_px`; {who}: lenses or poses of cameras have changed since calibration, pictures are shifted or cropped, or cameras are not synchronised; the points' uncertainty is increased accordingly"
             ));
         }
         let stuck: u64 = self.stuck.iter().sum();

@@ -5,7 +5,7 @@
 //! | [`surface.target`](target) | finds a target of numbered columns of rectangles in a picture |
 //! | [`surface.calibrator`](calibrator) | calibrates cameras around it |
 //! | [`surface.matcher`](matcher) | measures a surface densely at one moment |
-//! | [`surface.tracker`](tracker) | measures it at first, and follows its points from then on |
+//! | [`surface.tracker`](tracker) | measures it once, and then tracks its points |
 //! | [`surface.cylinder`](cylinder) | fits a cylinder to a cloud: figures |
 //! | [`surface.body`](body) | fits a body of metaballs on a skeleton to tracked points |
 //! | [`surface.pictures`](pictures) | draws trajectories and the vector field |
@@ -37,7 +37,7 @@ pub mod views;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<target::TargetDetector>();
     registry.add::<calibrator::TargetCalibrator>();

@@ -1,5 +1,5 @@
-//! Points that were lost, and are looked for again by the patch they were last seen with: where their neighbours have gone since, or, where these are lost too, where a body says that they
-//! are. What is found keeps its identity.
+//! Search for lost points by their last patch: at the place predicted by their neighbours, or, where these are lost too, by a body.
+//! Points that are found again keep their identity.
 
 use foveate::estimation::statistics::median;
 use foveate::geometry::Camera;
@@ -22,7 +22,7 @@ const SCATTERS: f64 = 5.0;
 /// Other views are searched so far around where a body says that they see a point [px].
 const OTHER_VIEW_PX: usize = 8;
 
-/// A point that was lost.
+/// A lost point.
 #[derive(Debug, Clone)]
 pub struct LostTrack {
     /// Where it would be now; its bending is that of its patch since it was seen last.
@@ -39,7 +39,7 @@ pub struct LostTrack {
     anchor: Option<(Anchor, Isometry3<f64>)>,
 }
 
-/// What lost points are looked for with, at one moment.
+/// Data for the search of lost points at one moment.
 pub struct Search<'a> {
     /// All views.
     pub views: &'a [View],
@@ -55,7 +55,7 @@ pub struct Search<'a> {
     pub options: &'a TrackOptions,
 }
 
-/// What says where a lost point is.
+/// Source of a lost point's prediction.
 pub enum Expected<'a> {
     /// Its neighbours.
     Beside(LocalMotion<'a>),
@@ -161,7 +161,7 @@ impl LostTrack {
 }
 
 impl Stepper {
-    /// Looks for points that were lost; those that are found are no longer among them.
+    /// Searches lost points; those that are found are removed from the list.
     pub fn regenerate(
         &mut self,
         measurer: &mut Measurer,

@@ -15,19 +15,19 @@ ports! {
 }
 
 figures! {
-    "surface.points": count, neither, "Points given out, over all moments";
-    "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
+        "surface.points": count, neither, "Points sent, over all moments";
+        "surface.measured": count, neither, "Points measured, seeds included, before they are compared with their neighbours";
     "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
-    "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
-    "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
-    "surface.seeds.found": count, high, "Of these, those that became points";
-    "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
-    "surface.misfit_px.median": px, low, "How far the lines of sight of a moment's points pass the places that they agree on, median over the points of a moment and over the moments";
-    "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
-    "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
-    "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
+        "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were searched along their epipolar lines";
+        "surface.seeds.ambiguous": count, low, "Seeds with a second place nearly as good in some view: a repeated texture";
+        "surface.seeds.found": count, high, "Seeds that became points";
+    "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras not synchronised or moved";
+        "surface.misfit_px.median": px, low, "Residual of a point's lines of sight, median over the points of a moment and over the moments";
+        "surface.misfit_px.max": px, low, "The same for the moment in which it is largest";
+        "surface.out_of_step": count, low, "Moments left out because their residuals are far larger than earlier";
+        "surface.stuck": count, low, "Pictures not used because they equal the one before, byte for byte, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a cloud, mean over the clouds";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it and cameras that contradict each other";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, by their matches and contradictions between cameras";
 }
 
 /// Pictures of several cameras in, clouds out.
@@ -44,13 +44,13 @@ pub struct Matcher {
     faults: Vec<String>,
 }
 
-/// Faults that are told one by one.
+/// Most faults that are reported one by one.
 const MOST_FAULTS: usize = 5;
 
 impl Node for Matcher {
     const TYPE: &'static str = "surface.matcher";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Measures a textured surface densely by least squares matching between views";
+    const SUMMARY: &'static str = "Measures a textured surface densely by least-squares matching between views";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceSettings;
 
@@ -134,15 +134,15 @@ impl Node for Matcher {
         let empty: Vec<String> = empty.map(|it| format!("`{}`", views[it.0.0].name)).collect();
         if self.points > 0 && !empty.is_empty() {
             report.remark(format!(
-                "there is no point of {}: expected pictures of theirs, of the same time, and a neighbour that sees the same surface",
+                "no points were measured from {}: expected its pictures of the same time, and a neighbour that sees the same surface",
                 empty.join(", ")
             ));
         }
         report.figure("surface.refused.clouds", self.clouds.n_left_out() as f64);
         if let Some(sides) = self.engine.other_sides() {
-            report.remark(format!("{sides}; `reference = \"*\"` gives a cloud of what each camera sees"));
+            report.remark(format!("{sides}; `reference = \"*\"` gives a cloud for each camera"));
         }
-        tell(&mut self.faults, report);
+        report_faults(&mut self.faults, report);
         Ok(())
     }
 }
@@ -174,7 +174,7 @@ pub(crate) fn coverage(cells: impl Iterator<Item = [usize; 2]> + Clone) -> Optio
 }
 
 /// The first few faults as remarks.
-pub(crate) fn tell(faults: &mut Vec<String>, report: &mut Report) {
+pub(crate) fn report_faults(faults: &mut Vec<String>, report: &mut Report) {
     let n = faults.len();
     faults.iter().take(MOST_FAULTS).for_each(|it| report.remark(it.clone()));
     if n > MOST_FAULTS {

@@ -1,4 +1,4 @@
-//! What points have moved since they were first seen, held against what their neighbours have: creep, which no filter of single steps sees.
+//! Detection of creep, which no filter of single steps sees: displacements of points since they were first seen are compared with those of their neighbours.
 //!
 //! The edge of a shadow drags a point along by a fraction of a pixel in each step, and a mirrored lamp holds up what passes below it. Paths are kept at common moments. From the earliest of them
 //! that a point has in common with enough of its neighbours, and from one half way, their displacements are fitted by an affine map of the tangent plane (rigid motion, and stretching cloth), wrong

@@ -20,20 +20,20 @@ ports! {
 }
 
 figures! {
-    "trajectories.drawn": count, neither, "Trajectories that are in the picture of trajectories";
+        "trajectories.drawn": count, neither, "Trajectories drawn in the picture of trajectories";
 }
 
 /// Settings of [`Pictures`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PicturesSettings {
-    /// Trajectories that are drawn at most, spread evenly over their identities [–]
+    /// Most trajectories that are drawn, spread evenly over their identities [–]
     #[schemars(range(min = 1, max = 100000))]
     pub trajectories: usize,
-    /// Arrows that are drawn at most [–]
+    /// Most arrows that are drawn [–]
     #[schemars(range(min = 1, max = 100000))]
     pub arrows: usize,
-    /// Put before the names of the files, for a second node of this type in one rig [–]
+    /// Prefix of the file names, for a second node of this type in one rig [–]
     pub prefix: String,
 }
 
@@ -62,7 +62,7 @@ pub struct Pictures {
 impl Node for Pictures {
     const TYPE: &'static str = "surface.pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws the trajectories and the vector field of a tracked surface";
+    const SUMMARY: &'static str = "Draws the trajectories and the velocity field of a tracked surface";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = PicturesSettings;
 
@@ -206,7 +206,7 @@ impl Pictures {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, not more than asked for.
+/// The largest of 1, 2 or 5 times a power of ten that is at most `factor`.
 fn round_factor(factor: f64) -> f64 {
     if !(factor.is_finite() && factor > 0.0) {
         return 1.0;

@@ -1,4 +1,4 @@
-//! Whether a piece of surface may as well lie at another depth: a texture that repeats looks the same there.
+//! Detection of repeated texture: whether a piece of surface matches as well at another depth.
 //!
 //! A patch by itself says where it lies as well as its match does, and where else it would lie as well: its line of sight is walked along in the other views, over the distances at which a surface
 //! may be. Of one patch that means little: what repeats has noise of its own, and of two places one always looks a little better. So all patches of a piece decide together. A surface that lies
@@ -14,13 +14,13 @@ use crate::measure::{MeasureOptions, Sample, plane_warp};
 use crate::seeds::places;
 use crate::views::{Moment, View};
 
-/// Patches of a piece that are asked: a part of its points, and at least, and at most so many [–].
+/// Patches of a piece that are tested: a part of its points, with a lower and an upper bound [–].
 const PART: usize = 4;
 const LEAST: usize = 12;
 const MOST: usize = 48;
 /// Around each place of the line, for what the calibration is off [px].
 const AROUND: usize = 1;
-/// Places this near to the own one are its peak's flank: half of the shortest period that is told [px].
+/// Places this near to the own one are its peak's flank: half of the shortest detectable period [px].
 const NEAR_PX: f64 = 4.0;
 /// A place of a line is a peak where none so near on it is better [places],
 const PEAK: usize = 3;
@@ -31,7 +31,7 @@ const SAME_PX: f64 = 2.0;
 /// The own place is clearly better where what its patches differ by is less than this part of what they do at the other one [–]: for pure noise the two scatter by 15 %.
 const CLEARLY: f64 = 0.7;
 /// A piece is doubtful where more than this part of its patches look as good elsewhere [–]: of random texture it is none to one in 48, of one that repeats more than half, and a fourth near the rim
-/// of a picture (`cargo test -p foveate-surface told`).
+/// of a picture (`cargo test -p foveate-surface remarks`).
 const DOUBTFUL: f64 = 0.2;
 
 /// Looks for other places; holds the memory for that.
@@ -61,7 +61,7 @@ enum Verdict {
     Elsewhere(f64, bool),
 }
 
-/// Why a piece of surface is not to be believed.
+/// Why a piece of surface is rejected.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elsewhere {
     /// Its patches look as good so far off, along their lines of sight, the median over them [m].

@@ -1,6 +1,6 @@
-//! Where a surface begins: points found without a start, or named by somebody.
+//! Seeds of a surface: points found without a prior, or named in the settings.
 //!
-//! Well textured patches of the reference, spread over its picture, are looked for along their epipolar lines in every other view, at a coarse level of the
+//! Well textured patches of the reference, spread over its picture, are searched along their epipolar lines in every other view, at a coarse level of the
 //! picture, bent as planes of a few directions at that depth would be: views that stand apart see a surface so differently that an unbent patch would not be
 //! recognised. A patch whose second best place is nearly as good is ambiguous (a repeated texture) and left out.
 
@@ -11,7 +11,7 @@ use nalgebra::{Point2, Point3, Vector3};
 use crate::measure::{MeasureOptions, Measurer, Sample, plane_warp};
 use crate::views::{Moment, View};
 
-/// How seeds are looked for.
+/// Options of the search for seeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeedOptions {
     /// Tiles along the longer side of the picture, one seed each.
@@ -26,7 +26,7 @@ pub struct SeedOptions {
     pub distance_m: [f64; 2],
 }
 
-/// What became of the patches that were tried.
+/// Counts of patches that were tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SeedCounts {
     /// Patches with texture.

@@ -14,71 +14,71 @@ use crate::measure::MeasureOptions;
 use crate::seeds::SeedOptions;
 use crate::views::View;
 
-/// How a surface is matched between views.
+/// Settings of matching a surface between views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceSettings {
     /// Cameras that look at the surface, a pattern with `*` and `?` [–]
     pub cameras: String,
-    /// The camera whose patches are looked for in the others; empty: the one whose direction is nearest to the mean of all. Of `surface.matcher` a pattern with `*` and `?`: each of
-    /// these cameras gives a cloud of what it sees, as cameras all around need it [–]
+    /// The camera whose patches are matched in the others; empty: the one whose direction is nearest to the mean of all. For `surface.matcher` a pattern with `*` and `?`: each of
+    /// these cameras gives a cloud, which cameras all around need [–]
     pub reference: String,
-    /// Side of a patch, odd. Larger ones are better known and coarser; 13 as in [D'Apuzzo 1999] [px]
+    /// Side of a patch, odd. Larger ones are more accurate and coarser; 13 as in [D'Apuzzo 1999] [px]
     #[schemars(range(min = 7, max = 63))]
     pub patch_px: usize,
-    /// From point to point in the reference's picture [px]
+    /// Distance between points in the reference's picture [px]
     #[schemars(range(min = 1, max = 200))]
     pub spacing_px: usize,
-    /// Correlation of two patches once they are matched, at least. Below 0.9 patches of 13 px find likeness where there is none [–]
+    /// Smallest correlation of matched patches. Below 0.9 patches of 13 px match by chance [–]
     #[schemars(range(min = 0.0, max = 0.999))]
     pub min_correlation: f64,
-    /// Standard deviation of a match along its worst direction, at most [px]
+    /// Largest standard deviation of a match along its worst direction [px]
     #[schemars(range(min = 0.001, max = 10.0))]
     pub max_sigma_px: f64,
-    /// Lengths in one view over those in another, and the larger over the smaller of both stretches, at most [–]
+    /// Largest ratio of lengths between two views, and of the larger to the smaller of both stretches [–]
     #[schemars(range(min = 1.01, max = 10.0))]
     pub max_stretch: f64,
-    /// How far a match may move from where its neighbour leads to expect it [px]
+    /// Largest distance of a match from its prediction by a neighbour [px]
     #[schemars(range(min = 0.1, max = 50.0))]
     pub max_shift_px: f64,
-    /// Root mean square distance between a point's pixels and where its views see it, at most. With two views this is half of how far a match lies off its epipolar line [px]
+    /// Largest root mean square reprojection error of a point. With two views this is half of a match's distance from its epipolar line [px]
     #[schemars(range(min = 0.01, max = 100.0))]
     pub max_misfit_px: f64,
-    /// A match back from the other view comes out this near to where it began; 0: none is made, which takes half the time [px]
+    /// Largest error of a match back from the other view; 0: no match back, which takes half the time [px]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub max_back_px: f64,
-    /// Views that must see a point, the reference among them [–]
+    /// Fewest views of a point, the reference included [–]
     #[schemars(range(min = 2, max = 64))]
     pub min_views: usize,
-    /// Match all views at once, with the point in space as the unknown. For calibrations that are as good as the matches: what they are wrong by becomes roughness [–]
+    /// Whether all views are matched at once, with the point in space as the unknown. For calibrations as accurate as the matches: their errors become roughness [–]
     pub in_space: bool,
-    /// How well a pixel's direction is known, standard deviation: that of a good calibration [px]
+    /// Standard deviation of a pixel's direction: that of a good calibration [px]
     #[schemars(range(min = 0.001, max = 10.0))]
     pub camera_sigma_px: f64,
-    /// How far around a point its neighbours are asked, in points [–]
+    /// Radius of a point's neighbourhood, in points [–]
     #[schemars(range(min = 1, max = 5))]
     pub around: usize,
-    /// Part of the places around a point at which neighbours must lie on the same surface [–]
+    /// Smallest part of the neighbourhood that must be on the same surface [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_agreeing: f64,
-    /// How much of its distance a neighbourhood may bend away from a plane, beyond noise [–]
+    /// Largest deviation of a neighbourhood from a plane relative to its distance, beyond noise [–]
     #[schemars(range(min = 0.00001, max = 0.1))]
     pub step: f64,
-    /// Points of a piece of surface that hangs together with no other, at least: a patch that was mistaken for another one has few to agree with [–]
+    /// Fewest points of a piece of surface without a connection to others: a wrong match has few agreeing neighbours [–]
     #[schemars(range(min = 1, max = 10000))]
     pub min_piece: usize,
-    /// Nearest and farthest distance from the reference at which seeds are looked for; left out: where its lines of sight pass the scale's `volume_m` [m]
+    /// Nearest and farthest distance from the reference for the search of seeds; left out: where its lines of sight pass the scale's `volume_m` [m]
     pub distance_m: Option<[f64; 2]>,
-    /// Tiles along the picture's longer side, a seed in each [–]
+    /// Tiles along the picture's longer side, with one seed each [–]
     #[schemars(range(min = 1, max = 200))]
     pub seed_tiles: usize,
-    /// How often pictures are halved for the search for seeds and for large motions, plus one [–]
+    /// Pyramid levels for the search of seeds and for large motions [–]
     #[schemars(range(min = 1, max = 6))]
     pub levels: usize,
     /// A second place this good, relative to the best one, makes a seed ambiguous [–]
     #[schemars(range(min = 0.1, max = 1.0))]
     pub max_second: f64,
-    /// Seeds that somebody saw: by camera, column and row of one point of the surface, to a pixel or two. Left out: they are found [px]
+    /// Seeds chosen by hand: by camera, column and row of one point of the surface, to a pixel or two. Left out: they are searched [px]
     pub seeds: Vec<BTreeMap<String, [f64; 2]>>,
 }
 
@@ -114,14 +114,14 @@ impl Default for SurfaceSettings {
 /// A seed that was named, by view.
 pub type NamedSeed = Vec<(usize, [f64; 2])>;
 
-/// What of the settings is worked out before a run.
+/// Prepared settings.
 #[derive(Debug, Clone)]
 pub struct Prepared {
     /// The cameras.
     pub views: Vec<View>,
     /// Which of them is the reference now.
     pub reference: usize,
-    /// All that are, by turns, and the nearest and farthest distance from each at which seeds are looked for [m].
+    /// All references, which take turns, and the nearest and farthest distance from each for the search of seeds [m].
     pub references: Vec<(usize, [f64; 2])>,
     /// Of a point.
     pub measure: MeasureOptions,
@@ -174,14 +174,14 @@ impl SurfaceSettings {
             let n = views.len();
             return Err(ConfigError::at(
                 "min_views",
-                format_args!("found {}, expected at most {n}: so many cameras look at the surface", self.min_views),
+                format_args!("found {}, expected at most {n}, the number of cameras", self.min_views),
             ));
         }
         if views.len() < self.min_views {
             let n = views.len();
             return Err(ConfigError::at(
                 "cameras",
-                format_args!("found {n} cameras of this name in the calibration, expected at least {}", self.min_views),
+                format_args!("found {n} matching cameras in the calibration, expected at least {}", self.min_views),
             ));
         }
         let references: Vec<usize> = match self.reference.as_str() {
@@ -206,7 +206,9 @@ impl SurfaceSettings {
                 let view = view.filter(|it| views[*it].camera.has_pixel(&Point2::from(*pixel))).ok_or_else(|| {
                     ConfigError::at(
                         "seeds",
-                        format_args!("found {pixel:?} in `{name}`, expected a pixel of one of the cameras"),
+                        format_args!(
+                            "found {pixel:?} in `{name}`, expected a camera of the surface and a pixel in its picture"
+                        ),
                     )
                 })?;
                 places.push((view, *pixel));
@@ -265,7 +267,7 @@ impl SurfaceSettings {
         })
     }
 
-    /// Nearest and farthest distance from a reference at which seeds are looked for [m].
+    /// Nearest and farthest distance from a reference for the search of seeds [m].
     fn distances(&self, reference: &View, setup: &Setup) -> Result<[f64; 2], ConfigError> {
         match (self.distance_m, setup.volume_m) {
             (Some([near, far]), _) if near >= NEAREST_M && far > near && far.is_finite() => Ok([near, far]),
@@ -277,13 +279,13 @@ impl SurfaceSettings {
             )),
             (None, Some(volume)) => distances(reference, volume).ok_or_else(|| {
                 ConfigError::node(format_args!(
-                    "`{}` does not see the scale's volume, expected it before the camera",
+                    "`{}` does not see the scale's volume, expected it in front of the camera",
                     reference.name
                 ))
             }),
             (None, None) => Err(ConfigError::at(
                 "distance_m",
-                "found none and no `volume_m` of the scale, expected one of them: where seeds are looked for",
+                "found neither this nor `volume_m` of the scale, expected one of them for the search of seeds",
             )),
         }
     }

@@ -16,9 +16,9 @@ ports! {
 
 figures! {
     "target.pictures.*": count, neither, "Pictures of the camera that were searched for the target";
-    "target.found.*": count, high, "Of these, those in which it was found";
-    "target.rectangles.*": count, high, "Rectangles whose place on the target is known, over all pictures of the camera";
-    "target.others.*": count, low, "Dark rectangles that belong to no whole column: given on without a label";
+        "target.found.*": count, high, "Pictures in which the target was found";
+        "target.rectangles.*": count, high, "Labelled rectangles, over all pictures of the camera";
+        "target.others.*": count, low, "Dark rectangles of incomplete columns: sent without a label";
 }
 
 /// Settings of [`TargetDetector`].
@@ -31,11 +31,11 @@ pub struct TargetSettings {
     /// Columns all around, numbered from 1 and from left to right as seen from outside [–]
     #[schemars(range(min = 3, max = 200))]
     pub columns: usize,
-    /// Number of the leftmost column that a camera sees, for cameras where it cannot be read: `[{ camera = "201", column = 1 }]` [–]
+    /// Number of the leftmost column that a camera sees, where its number is illegible: `[{ camera = "201", column = 1 }]` [–]
     pub leftmost: Vec<LeftmostColumn>,
 }
 
-/// What a camera sees first from the left.
+/// The leftmost column of a camera's view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeftmostColumn {
@@ -55,7 +55,7 @@ impl Default for TargetSettings {
 /// A rectangle's centre: its rim is some 60 pixels of which each says it to a fraction [px].
 const SIGMA_PX: f64 = 0.1;
 
-/// Pictures in, centres of rectangles out: that of row r (0 at the top) of column c has the label (c − 1) · `rows` + r; those that belong to no whole column have none.
+/// Pictures in, centres of rectangles out: that in row r (0 at the top) of column c has the label (c − 1) · `rows` + r; those of incomplete columns have none.
 pub struct TargetDetector {
     settings: TargetSettings,
     camera: Option<CameraId>,
@@ -73,8 +73,7 @@ pub struct TargetDetector {
 impl Node for TargetDetector {
     const TYPE: &'static str = "surface.target";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str =
-        "Finds a target of numbered columns of dark rectangles, such as those around a cylinder";
+    const SUMMARY: &'static str = "Finds numbered columns of dark rectangles, such as those of a calibration cylinder";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TargetSettings;
 
@@ -140,7 +139,7 @@ impl Node for TargetDetector {
         }
         if let Some([said, read]) = self.otherwise {
             report.remark(format!(
-                "the numbers above the columns that {name} sees are legible and say that the leftmost is column {read}, `leftmost` says column {said}, and that is what was used: expected both to say the same, \
+                "the numbers above the columns that {name} sees are legible: the leftmost is column {read}, but column {said} by `leftmost`, which was used: expected both to agree, \
                  or no `leftmost` for this camera"
             ));
         }
@@ -232,10 +231,10 @@ mod tests {
         let (least, none) = remarks(&[]);
         assert!(none.is_empty(), "{none:?}");
         // The number that is read is no contradiction; whatever it is, one of these two is another one.
-        let told: Vec<String> = [5, 6].iter().flat_map(|it| remarks(&[*it]).1).collect();
-        assert!(!told.is_empty() && told.iter().all(|it| it.contains("are legible")), "{least}: {told:?}");
+        let said: Vec<String> = [5, 6].iter().flat_map(|it| remarks(&[*it]).1).collect();
+        assert!(!said.is_empty() && said.iter().all(|it| it.contains("are legible")), "{least}: {said:?}");
         let read: usize =
-            told[0].split("leftmost is column ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
+            said[0].split("leftmost is column ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
         assert!(remarks(&[read]).1.is_empty() && remarks(&[read]).0 == least, "{read}");
     }
 }

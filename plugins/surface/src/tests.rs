@@ -16,7 +16,7 @@ mod bad_input;
 mod edges;
 mod hidden;
 mod in_step;
-mod told;
+mod remarks;
 
 const SIZE: [u32; 2] = [200, 160];
 const FOCAL: f64 = 420.0;
@@ -248,7 +248,7 @@ fn what_has_no_texture_or_repeats_gives_no_points_and_says_so() {
     let black = [0, 1].map(|id| Image { camera: CameraId(id), width: SIZE[0], height: SIZE[1], ..Image::default() });
     let black = black.map(|it| Image { pixels: vec![0; (SIZE[0] * SIZE[1]) as usize], ..it });
     let (_, report) = matched(black.to_vec(), &cameras, settings());
-    assert!(report.remarks.iter().any(|it| it.contains("`cam-0`, the reference, has texture")), "{:?}", report.remarks);
+    assert!(report.remarks.iter().any(|it| it.contains("`cam-0` has texture")), "{:?}", report.remarks);
     // Every 16 px the same: many depths fit.
     let repeated = Scene { period: 13.0, ..Scene::of(Shape::Plane, 32) };
     let (points, report) = matched(repeated.pictures(&cameras), &cameras, settings());
@@ -301,7 +301,7 @@ fn a_mirrored_lamp_is_left_out() {
 }
 
 #[test]
-fn a_seed_that_somebody_saw_is_enough_and_a_wrong_one_is_told() {
+fn a_seed_chosen_by_hand_is_enough_and_a_wrong_one_is_named() {
     let cameras = cameras(2);
     let scene = Scene::of(Shape::Plane, 51);
     let at = Point3::new(0.01, 0.0, 0.02);
@@ -507,10 +507,10 @@ fn a_real_target_calibrates_its_cameras() {
         }
         calibrator.finish().unwrap()
     };
-    // A target of another size, and one camera's picture twice, are told.
+    // A target of another size, and one camera's picture twice, are refused.
     let larger = crate::calibrator::CalibratorSettings { radius_mm: 70.0, ..settings.clone() };
     let said = calibrated(larger, [0, 1]).remarks.concat();
-    assert!(said.contains("expected less than 1.5 px: are `radius_mm`"), "{said}");
+    assert!(said.contains("expected less than 1.5 px: do `radius_mm`"), "{said}");
     let said = calibrated(settings.clone(), [1, 1]).remarks.concat();
     assert!(said.contains("`201` and `202` stand 0.00 mm apart"), "{said}");
     let report = calibrated(settings, [0, 1]);

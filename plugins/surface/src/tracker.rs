@@ -1,7 +1,7 @@
-//! `surface.tracker`: a surface measured at first and followed from then on, point by point [D'Apuzzo 1999 §2.4].
+//! `surface.tracker`: measures a surface once, and then tracks its points [D'Apuzzo 1999 §2.4].
 //!
-//! Each moment: points are followed in time and between views, filtered, and what is left is grown over what has appeared: new points, with identities of their
-//! own. What was lost is looked for again for a while, and keeps its identity when it is found.
+//! Each moment: points are tracked in time and between views, filtered, and extended over newly visible surface: new points have identities of their
+//! own. Lost points are searched for a while, and keep their identity when they are found.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +18,7 @@ use crate::engine::Engine;
 use crate::filters::{FilterOptions, filter};
 use crate::guide::Guide;
 use crate::lost::{LostTrack, Search};
-use crate::matcher::{coverage, missing, tell};
+use crate::matcher::{coverage, missing, report_faults};
 use crate::measure::{MeasureOptions, Sample, sigma};
 use crate::path::{CreepOptions, Moments, crept};
 use crate::settings::{Prepared, SurfaceSettings};
@@ -34,73 +34,73 @@ ports! {
 }
 
 figures! {
-    "surface.points": count, neither, "Points given out, over all moments";
-    "surface.measured": count, neither, "Points that were measured, seeds among them, before they are held against their neighbours";
+        "surface.points": count, neither, "Points sent, over all moments";
+        "surface.measured": count, neither, "Points measured, seeds included, before they are compared with their neighbours";
     "surface.refused.*": count, low, "Attempts at a point that failed for this reason; a place may be tried from several neighbours";
-    "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were looked for along their epipolar lines";
-    "surface.seeds.ambiguous": count, low, "Of these, those with a second place nearly as good in some view: a repeated texture";
-    "surface.seeds.found": count, high, "Of these, those that became points";
-    "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras out of step or moved";
-    "surface.misfit_px.median": px, low, "How far the lines of sight of a moment's points pass the places that they agree on, median over the points of a moment and over the moments";
-    "surface.misfit_px.max": px, low, "The same of the moment in which it is largest";
-    "surface.out_of_step": count, low, "Moments that were left out: lines of sight pass each other by far more than in earlier ones";
-    "surface.stuck": count, low, "Pictures that were taken for none: the same as a moment before to the last bit, while another camera's had changed";
+        "surface.seeds.tried": count, neither, "Seeds that were named, or textured patches that were searched along their epipolar lines";
+        "surface.seeds.ambiguous": count, low, "Seeds with a second place nearly as good in some view: a repeated texture";
+        "surface.seeds.found": count, high, "Seeds that became points";
+    "surface.unseen": share, low, "Points that some camera does not see though they face it within 60° and lie in its picture, over all points of all moments: occluded, or cameras not synchronised or moved";
+        "surface.misfit_px.median": px, low, "Residual of a point's lines of sight, median over the points of a moment and over the moments";
+        "surface.misfit_px.max": px, low, "The same for the moment in which it is largest";
+        "surface.out_of_step": count, low, "Moments left out because their residuals are far larger than earlier";
+        "surface.stuck": count, low, "Pictures not used because they equal the one before, byte for byte, while another camera's had changed";
     "surface.coverage": share, high, "Places of the grid with a point, over those in the smallest rectangle around all points of a moment, mean over the moments";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, as their matches say it and cameras that contradict each other";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the points, over the three axes, by their matches and contradictions between cameras";
     "trajectories.count": count, neither, "Trajectories, of any length";
     "trajectories.mean_samples": count, high, "Mean number of samples of a trajectory";
     "trajectories.ended.*": count, low, "Trajectories that ended for this reason";
-    "trajectories.failed.*": count, low, "Points that were not found in the next moment, by what failed last: the search for the patch (search_), the match with the picture before (time_), or the one between views";
-    "trajectories.second_look": count, neither, "Points that were found where their neighbours went, and not where their own motion led";
+    "trajectories.failed.*": count, low, "Points that were not found in the next moment, by the step that failed last: the search for the patch (search_), the match with the picture before (time_), or the match between views";
+        "trajectories.second_look": count, neither, "Points found at their neighbours' prediction, not at that of their own motion";
     "trajectories.lost_share": share, low, "Points that were not found in the next moment, over all points of all moments but the last";
-    "trajectories.regenerated": count, high, "Lost points that were found again and kept their identity";
-    "trajectories.guided": count, high, "Of these, those that were found where the body at `skeletons` said, their neighbours being lost, too";
-    "trajectories.appeared": count, neither, "Points that are new after the first moment";
+        "trajectories.regenerated": count, high, "Lost points that were found again and kept their identity";
+        "trajectories.guided": count, high, "Lost points that were found again at the prediction by the body at `skeletons`, as their neighbours were lost, too";
+        "trajectories.appeared": count, neither, "New points after the first moment";
     "trajectories.ambiguous": count, low, "Searches in time whose second best place is as good as the best: a repeated texture";
-    "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments; over one without pictures it counts as two";
-    "step_mm.spread": mm, low, "Root mean square distance of the points' steps from the median step of their moment, mean over the moments: of a rigid surface without rotation this is noise";
+    "step_mm.{x,y,z}": mm, neither, "Median step of all points from one moment to the next, mean over the moments; a step over a moment without pictures counts as two";
+    "step_mm.spread": mm, low, "Root mean square distance of the points' steps from the median step of their moment, mean over the moments: for a rigid surface without rotation this is noise";
 }
 
 /// Settings of [`Tracker`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerSettings {
-    /// How the surface is matched between views [–]
+    /// Matching of the surface between views [–]
     pub surface: SurfaceSettings,
     /// Side of a patch that is matched in time, odd [px]
     #[schemars(range(min = 7, max = 63))]
     pub patch_px: usize,
-    /// How far a point may move in its first step, from picture to picture, either way [px]
+    /// Largest motion of a point in its first step, from picture to picture, in each direction [px]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub first_search_px: f64,
-    /// How far a point may be from where its own motion leads to expect it [px]
+    /// Largest distance of a point from the prediction by its own motion [px]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub search_px: f64,
-    /// Correlation of a patch with itself a moment before, and with other views of a point that is followed, at least [–]
+    /// Smallest correlation of a patch with itself a moment before, and with other views of a tracked point [–]
     #[schemars(range(min = 0.0, max = 0.999))]
     pub min_correlation: f64,
-    /// Where a point is found in time and where it is found between views are at most this far apart [px]
+    /// Largest distance between a point's temporal match and its match between views [px]
     #[schemars(range(min = 0.01, max = 10.0))]
     pub agree_px: f64,
-    /// Faster points are false: a hand reaches 10 m/s [m/s]
+    /// Largest speed: a hand reaches 10 m/s [m/s]
     #[schemars(range(min = 0.0001, max = 1000.0))]
     pub max_speed: f64,
-    /// Points that are accelerated more are false: a hand that hits something 1,000 m/s² [m/s²]
+    /// Largest acceleration: a hand that hits something 1,000 m/s² [m/s²]
     #[schemars(range(min = 0.0001, max = 100000.0))]
     pub max_acceleration: f64,
-    /// Within this the motion is to be uniform: less than the width of a limb, and more than from a point to the next but one. 0: 3.75 places of the grid [mm]
+    /// Radius of uniform motion: less than the width of a limb, and more than the distance to the next point but one. 0: 3.75 places of the grid [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub uniform_radius_mm: f64,
-    /// A velocity may differ from its neighbours' median by this part of it: a limb that turns [–]
+    /// Largest difference of a velocity from its neighbours' median, as a part of it: a limb that rotates [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub uniform_part: f64,
-    /// and by so many median differences of the neighbours' own [–]
+    /// plus this many median differences of the neighbours' own [–]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub uniform_scatters: f64,
-    /// and by what this error of a step makes. 0: the standard deviation of a point, median over all [mm]
+    /// plus the effect of this error of a step. 0: the standard deviation of a point, median over all [mm]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub uniform_mm: f64,
-    /// Moments for which a lost point is looked for; 0: it is not [–]
+    /// Moments for which a lost point is searched; 0: none [–]
     #[schemars(range(min = 0, max = 1000))]
     pub remember: u32,
     /// Whether new points are measured where the surface appears [–]
@@ -128,7 +128,7 @@ impl Default for TrackerSettings {
     }
 }
 
-/// What was found once may be known by so much less: with gates as for new points, those that only just passed are lost and found by turns.
+/// Factor on the gates for known points: with the gates for new points, marginal ones would be lost and found alternately.
 const HELD: f64 = 1.5;
 
 /// Of searches that are ambiguous so many are no chance [–]: of wool that does not repeat it is one in a hundred.
@@ -140,7 +140,7 @@ const LOST: f64 = 0.5;
 /// Where `uniform_radius_mm` is left to it: so many places of the grid [–].
 const RADIUS_PLACES: f64 = 3.75;
 
-/// A path is held against neighbours within so many radii of uniform motion: more than what creeps in company.
+/// Radius of neighbours for comparing paths, in radii of uniform motion: larger than the patches that creep together.
 const CREEP_RADII: f64 = 2.0;
 
 /// Both ends of a path have their errors, and what is no rigid motion moves otherwise here and there: so many times what a step may be off [–].
@@ -208,7 +208,7 @@ struct Step {
 impl Node for Tracker {
     const TYPE: &'static str = "surface.tracker";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Follows the points of a textured surface in time and between views, without markers";
+    const SUMMARY: &'static str = "Tracks points of a textured surface in time and between views, without markers";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 
@@ -360,8 +360,8 @@ impl Node for Tracker {
         let is_repeating = ambiguous as f64 > REPEATING * searched as f64;
         if is_repeating {
             report.remark(format!(
-                "{ambiguous} of {searched} searches for a patch in the next picture found another place as good, and took neither: the texture repeats, expected one that does not, or a `search_px` and \
-                 a `first_search_px` of less than half of what it repeats after, for motion that is slower than that from picture to picture"
+                "{ambiguous} of {searched} searches for a patch in the next picture were ambiguous: the texture repeats, expected another texture, or a `search_px` and \
+                 a `first_search_px` of less than half of its period, for slower motion from picture to picture"
             ));
         }
         let lost = counts.not_found as f64 / counts.followed as f64;
@@ -375,8 +375,8 @@ impl Node for Tracker {
             ));
         } else if uneven > 0.5 * LOST {
             report.remark(format!(
-                "{:.0} % of the points move otherwise than those around them, or have too few around them: expected a `uniform_radius_mm` of three places of the grid or more ({:.1} mm now), and a `uniform_mm` of what \
-                 a point is off ({:.2} mm now); 0 leaves both to the points",
+                "{:.0} % of the points move unlike their neighbours, or have too few neighbours: expected a `uniform_radius_mm` of three places of the grid or more ({:.1} mm now), and a `uniform_mm` of what \
+                 a point's error ({:.2} mm now); 0 estimates both",
                 100.0 * uneven,
                 1e3 * self.options.radius_m,
                 1e3 * self.filters.uniform_m
@@ -384,7 +384,7 @@ impl Node for Tracker {
         } else if lost > LOST && !is_repeating {
             let [first, later] = self.options.boxes_px;
             report.remark(format!(
-                "{:.0} % of the points were not found in the next picture: they move farther from picture to picture than they are looked for (`first_search_px` = {first}, `search_px` = {later}), pictures \
+                "{:.0} % of the points were not found in the next picture: they move farther from picture to picture than the search (`first_search_px` = {first}, `search_px` = {later}), pictures \
                  are missing between, or the light changes; expected a larger search, or more pictures a second",
                 100.0 * lost
             ));
@@ -398,7 +398,7 @@ impl Node for Tracker {
         if let Some(sides) = self.engine.other_sides() {
             report.remark(format!("{sides}; expected a tracker for each side (`surface.reference`)"));
         }
-        tell(&mut self.faults, report);
+        report_faults(&mut self.faults, report);
         Ok(())
     }
 }

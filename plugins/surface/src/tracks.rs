@@ -1,4 +1,4 @@
-//! Points of a surface followed from one moment to the next [D'Apuzzo 1999 §2.4].
+//! Tracking of surface points from one moment to the next [D'Apuzzo 1999 §2.4].
 //!
 //! Each view for itself: from where the point's own motion leads to expect it, the best place by cross-correlation in a search box, then a least squares match with
 //! the picture before (temporal). At the place where the reference finds it, a match between the views (spatial); where both say the same place, the point is
@@ -26,7 +26,7 @@ pub struct TrackOptions {
     pub boxes_px: [f64; 2],
     /// Temporal and spatial match are at most this far apart [px].
     pub agree_px: f64,
-    /// Moments for which a lost point is looked for.
+    /// Moments for which a lost point is searched.
     pub remember: u32,
     /// Within this the motion is uniform [m].
     pub radius_m: f64,
@@ -91,7 +91,7 @@ pub const MIN_CORRELATION: f64 = 0.5;
 pub const BESIDE_PX: f64 = 2.0;
 /// Places of one picture that correlate so well look the same [–]: a match of either with what follows may pass.
 const LOOKS_THE_SAME: f64 = 0.9;
-/// What repeats after more is not looked for [px].
+/// Longer periods of a texture are not searched [px].
 const MOST_REPEATS_PX: f64 = 32.0;
 
 /// How a patch is bent from one picture to the next: rows.
@@ -422,10 +422,11 @@ mod tests {
     fn of_two_places_in_a_box_that_look_the_same_neither_is_taken() {
         let start = Warp::shift([100.0, 50.0]);
         let repeats = [[20.0, 0.0], [-20.0, 0.0], [0.0, 20.0], [0.0, -20.0]];
-        let told = |found: [f64; 2], box_px: f64| may_be_elsewhere(&repeats, &start, &Warp::shift(found), box_px);
+        let is_ambiguous =
+            |found: [f64; 2], box_px: f64| may_be_elsewhere(&repeats, &start, &Warp::shift(found), box_px);
         // The nearest place that looks the same lies 17 px off where it was expected, either way.
         for found in [[103.0, 50.0], [97.0, 50.0], [100.0, 53.0], [100.0, 47.0]] {
-            assert!(told(found, 17.0) && !told(found, 15.0), "{found:?}");
+            assert!(is_ambiguous(found, 17.0) && !is_ambiguous(found, 15.0), "{found:?}");
         }
         assert!(!may_be_elsewhere(&[], &start, &start, 30.0));
         // Half as far off in a picture in which the patch is half as wide.

@@ -1,4 +1,4 @@
-//! `voxel_body.carver`: the silhouettes of all cameras in, voxels out.
+//! `voxel_body.carver`: carves voxels from the silhouettes of all cameras.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -27,18 +27,18 @@ ports! {
 }
 
 figures! {
-    "voxels.frames": count, neither, "Sets of silhouettes that were carved with";
-    "voxels.gaps": count, low, "Sets that could not be: no silhouette that is worth anything, or a scale whose place is not known";
-    "voxels.nobody": count, neither, "Carved sets that left no voxel over";
-    "voxels.cut_off": count, low, "Carved sets in which somebody reaches an end of the volume; its floor is none";
-    "voxels.components_max": count, neither, "Most bodies apart at one time";
-    "voxels.dropped": count, low, "Pieces smaller than `min_component_l`, left out, over all sets";
+        "voxels.frames": count, neither, "Sets of silhouettes carved";
+        "voxels.gaps": count, low, "Sets not carved: without a usable silhouette, or with an unknown pose of the scale";
+        "voxels.nobody": count, neither, "Carved sets without a voxel";
+        "voxels.cut_off": count, low, "Carved sets in which a person reaches an end of the volume, the floor excepted";
+        "voxels.components_max": count, neither, "Most separate bodies at one time";
+        "voxels.dropped": count, low, "Pieces left out because they are smaller than `min_component_l`, over all sets";
     "hull_l": litre, neither, "Median volume of the voxels, over sets with any";
     "hull_l.first": litre, neither, "Volume of the voxels of the first set with any";
     "completeness": share, high, "Part of the silhouettes that the voxels cover: mean over the views that carved, and over sets with voxels";
-    "completeness.*": share, high, "The same of the camera's silhouettes, those that were left out too";
-    "outside.*": share, low, "Part of the voxels' picture that the camera's silhouettes call background, mean over sets with voxels";
-    "voxels.unused.*": count, low, "Silhouettes of the camera that were left out: missing, empty where others see somebody, full, moved, contradicting the others, or without a pose";
+        "completeness.*": share, high, "The same of the camera's silhouettes, including those left out";
+        "outside.*": share, low, "Part of the voxels' projection that is background in the camera's silhouettes, mean over sets with voxels";
+    "voxels.unused.*": count, low, "Silhouettes of the camera that were left out: missing, empty where others see a person, full, moved, contradicting the others, or without a pose";
 }
 
 /// Settings of [`Carver`].
@@ -48,33 +48,33 @@ pub struct CarverSettings {
     /// Edge of a voxel. [Mikić 2001] has 50 [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub voxel_mm: f64,
-    /// The volume that is carved, in the scale's space. Left out: the scale's `volume_m`, or a cube of twice its `radius_m` around the target that carries it [m]
+    /// The carved volume, in the scale's space. Left out: the scale's `volume_m`, or a cube of twice its `radius_m` around the target that carries it [m]
     pub volume_m: Option<Volume>,
-    /// Views that may call a voxel background although it is body. Each makes the hull larger [–]
+    /// Views that may wrongly call a voxel background. Each makes the hull larger [–]
     #[schemars(range(min = 0, max = 250))]
     pub may_err: usize,
-    /// Views in whose picture a voxel has to lie; 0: in all that carve. With cameras that see a part of the volume each, such as heads, 2 or 3 [–]
+    /// Views in whose picture a voxel has to lie; 0: all that carve. For cameras that each see a part of the volume, such as on heads, 2 or 3 [–]
     #[schemars(range(min = 0, max = 255))]
     pub min_views: usize,
-    /// Part of the views that may have lost a piece of the body: where several other views show body that no voxel covers, voxels are kept that so many views deny. Where silhouettes fit
-    /// each other nothing is added. Of six views and more, up to a third may where half of the others ask for it. 0: no view may [–]
+    /// Part of the views that may have lost a piece of the body: where several other views show uncovered body, voxels are kept although this many views deny them. Where silhouettes fit
+    /// each other nothing is added. With six views and more, up to a third may if half of the others request it. 0: none [–]
     #[schemars(range(min = 0.0, max = 0.5))]
     pub may_lose: f64,
-    /// Pieces that hang together and hold less than this are left out. Left out: those below a litre and below a twentieth of the largest [l]
+    /// Connected pieces with a smaller volume are left out. Left out: below a litre, or below a twentieth of the largest [l]
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub min_component_l: Option<f64>,
-    /// Where voxels cover less than this of the silhouettes, in the mean, views are tried one by one: without one that contradicts them the others are covered better, and it is left out; with four views or
-    /// more. 0: none is [–]
+    /// Where voxels cover less than this of the silhouettes, on average, each view is tested: without a contradicting view the others are covered better, and it is left out; with four views or
+    /// more. 0: never [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_completeness: f64,
-    /// How far a target may be from a body that it names [mm]
+    /// Largest distance of a target from a body that it names [mm]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub target_reach_mm: f64,
-    /// From this confidence on a pixel may be body: a shadow, or clothes as dark as what is behind them. Voxels that may be body in all views are kept if most views are sure of them, or
-    /// where they stand higher than shadows lie. 0.5: no pixel is in doubt [–]
+    /// Smallest confidence of a pixel that may be body: a shadow, or clothes as dark as the background. Voxels that may be body in all views are kept if most views are certain, or
+    /// where they are higher than shadows. 0.5: no pixel is in doubt [–]
     #[schemars(range(min = 0.02, max = 0.5))]
     pub may_be: f64,
-    /// Voxels in doubt that are less than this high are a shadow's [mm]
+    /// Voxels in doubt below this height are a shadow's [mm]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub shadow_height_mm: f64,
 }
@@ -146,7 +146,7 @@ struct Totals {
 impl Node for Carver {
     const TYPE: &'static str = "voxel_body.carver";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Carves the voxels that the silhouettes of all cameras leave over";
+    const SUMMARY: &'static str = "Carves voxels from the silhouettes of all cameras (visual hull)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CarverSettings;
 
@@ -293,7 +293,7 @@ impl Carver {
                     Ok(pose) => pose.transform,
                     Err(error) => {
                         self.totals.gaps += 1;
-                        io.gap(&VOXELS, time, format_args!("it is not known where the scale is: {error}"));
+                        io.gap(&VOXELS, time, format_args!("the scale's pose is unknown: {error}"));
                         return;
                     }
                 }
@@ -322,7 +322,7 @@ impl Carver {
         let cameras: Vec<CameraId> = self.tally.keys().copied().collect();
         let result = self.hull.carve(&views, &cameras, &targets, &mut voxels);
         let seen: Vec<&Silhouette> = views.iter().map(|it| it.silhouette).collect();
-        self.words.hear(&seen, self.hull.contradictions(), self.hull.is_mirrored());
+        self.words.count(&seen, self.hull.contradictions(), self.hull.is_mirrored());
         match result {
             Ok(dropped) => {
                 drop(views);
@@ -389,7 +389,7 @@ impl Carver {
                 ViewStatus::Used => None,
                 ViewStatus::Missing => Some("missing"),
                 ViewStatus::Learning => Some("still learning"),
-                ViewStatus::Empty => Some("empty where others see somebody"),
+                ViewStatus::Empty => Some("empty where others see a person"),
                 ViewStatus::Full => Some("full"),
                 ViewStatus::Moved => Some("moved"),
                 ViewStatus::Contradicts => Some("contradicting the others"),

@@ -52,14 +52,14 @@ pub enum Refusal {
         found: [u32; 2],
     },
     /// A part of the camera's pictures other than the one that the background is of.
-    #[error("the picture begins at ({}, {}), 1/{} of the size, expected ({}, {}), 1/{}: a background stays where it is", found.left, found.top, found.shrink, expected.left, expected.top, expected.shrink)]
+    #[error("the picture begins at ({}, {}), 1/{} of the size, expected ({}, {}), 1/{}: expected the part of the background", found.left, found.top, found.shrink, expected.left, expected.top, expected.shrink)]
     OtherPart {
         /// Of the background.
         expected: Window,
         /// Of the picture.
         found: Window,
     },
-    /// Gray where the background is in colour, or the other way round.
+    /// Gray where the background is in colour, or colour where it is gray.
     #[error("the picture is {found}, the background {expected}")]
     OtherKind {
         /// Of the background.
@@ -316,7 +316,7 @@ impl Splitter {
         }
     }
 
-    /// Where it is told.
+    /// Part of the background's edges that moved, where known.
     fn edges_off(&self) -> Option<f64> {
         match self {
             Splitter::Colour(segmenter) => Some(segmenter.edges_off()),

@@ -47,7 +47,7 @@ pub struct HullOptions {
     pub may_lose: f64,
     /// Smaller parts are left out [m³]; `None`: those below a litre and below a twentieth of the largest.
     pub min_component: Option<f64>,
-    /// Where voxels cover less than this of the silhouettes, in the mean, a view is looked for that contradicts the others; 0: never [–].
+    /// Below this mean coverage of the silhouettes, a view that contradicts the others is searched; 0: never [–].
     pub min_completeness: f64,
     /// How far a target may be from the part that it names [m].
     pub target_reach: f64,
@@ -83,18 +83,18 @@ pub struct Hull {
     options: HullOptions,
     grid: VoxelGrid,
     carver: Carver,
-    /// Tries views: what views say of each voxel is asked of the other one later.
+    /// Tries views without changing the other carver's state.
     trials: Carver,
     doubt: Doubt,
     losses: Losses,
-    /// What the hull covers of each view that is used, as the losses were looked for.
+    /// Coverage of each used view, for the search of losses.
     covers: Vec<Cover>,
     drawn: Vec<u8>,
     /// Who contradicts the others, as found last.
     contradictions: Vec<Contradiction>,
     /// Who was found before, and for how many searches more that holds.
     suspects: BTreeMap<CameraId, (Contradiction, u32)>,
-    /// Sets until it is looked for again.
+    /// Sets until the next search.
     until_search: u32,
     /// Whether the last set fitted much better mirrored; `None`: that was not asked.
     is_mirrored: Option<bool>,
@@ -105,7 +105,7 @@ pub(crate) const ONE_VIEW: &str =
     "one view alone bounds no body: no other camera has a silhouette of this time that is worth anything";
 /// A body that reaches so far below the volume's floor stands on another one [m]: below a foot, cameras that look down by 45° or less do not call so much body.
 const BELOW: f64 = 0.15;
-/// So much of what stands on the floor has silhouettes there, too [–, of area], which is asked at so many places along a side.
+/// Part of the area standing on the floor that has silhouettes below it [–], and number of sampled places along a side.
 const BELOW_SHARE: f64 = 0.3;
 const BELOW_PLACES: u32 = 32;
 /// A litre, and the part of the largest piece, below which pieces are left out where nothing is said [m³, –].
@@ -533,7 +533,7 @@ fn picture<'a>(view: &'a View<'a>) -> Option<Picture<'a>> {
     })
 }
 
-/// A camera that sees nobody where more cameras see somebody has not found the body; where most see nobody, nobody is there.
+/// A camera without a person where more cameras see one has lost the body; where most see none, there is none.
 fn leave_out_empty(statuses: &mut [ViewStatus], views: &[View]) {
     let is_used = |at: &usize| statuses[*at] == ViewStatus::Used;
     let (empty, seen): (Vec<usize>, Vec<usize>) =

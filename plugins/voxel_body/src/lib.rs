@@ -2,10 +2,10 @@
 //!
 //! | node | what it does |
 //! |---|---|
-//! | [`voxel_body.silhouette`](silhouette::SilhouetteNode) | tells the pixels of a body from background, shadow and highlight, in the pictures of one camera |
-//! | [`voxel_body.masks`](masks::Masks) | takes pictures of masks, which another program made, for silhouettes |
-//! | [`voxel_body.carver`](carver::Carver) | carves the voxels that the silhouettes of all cameras leave over |
-//! | [`voxel_body.tracker`](tracker::BodyTrackerNode) | finds bodies of ten parts in voxels and follows them |
+//! | [`voxel_body.silhouette`](silhouette::SilhouetteNode) | separates a body from background, shadow and highlight, in the pictures of one camera |
+//! | [`voxel_body.masks`](masks::Masks) | reads mask pictures of another program as silhouettes |
+//! | [`voxel_body.carver`](carver::Carver) | carves voxels from the silhouettes of all cameras |
+//! | [`voxel_body.tracker`](tracker::BodyTrackerNode) | fits bodies of ten parts to voxels and tracks them |
 
 pub mod carver;
 pub mod finder;
@@ -22,7 +22,7 @@ pub use settings::SilhouetteSettings;
 
 use foveate::prelude::Registry;
 
-/// Makes the nodes of this plugin known.
+/// Registers the nodes of this plugin.
 pub fn register(registry: &mut Registry) {
     registry.add::<silhouette::SilhouetteNode>();
     registry.add::<masks::Masks>();

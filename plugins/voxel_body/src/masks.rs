@@ -1,4 +1,4 @@
-//! `voxel_body.masks`: silhouettes that another program made, read as pictures.
+//! `voxel_body.masks`: silhouettes of another program, read as pictures.
 
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -11,18 +11,18 @@ ports! {
 
 figures! {
     "silhouette.seen.*": count, high, "Silhouettes of the camera with a body";
-    "silhouette.empty.*": count, neither, "Silhouettes without one";
+        "silhouette.empty.*": count, neither, "Silhouettes without a body";
     "silhouette.full.*": count, low, "Silhouettes that fill the picture";
     "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
-    "silhouette.specks.*": share, low, "Part of the camera's pixels that were given the value of their neighbours, since these are all of the other kind, or all but one";
-    "silhouette.refused.*": count, low, "Pictures whose bytes are not what their size promises";
+    "silhouette.specks.*": share, low, "Part of the camera's pixels that were removed as specks: all neighbours but at most one are of the other kind";
+        "silhouette.refused.*": count, low, "Pictures whose number of bytes does not match their size";
 }
 
 /// Settings of [`Masks`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MasksSettings {
-    /// A pixel is body when its brightest channel is at least this; between 0 and 255 lies how surely it is, from pictures that say so [gray level]
+    /// Smallest value of a body pixel's brightest channel; gray levels between 0 and 255 give the confidence [gray level]
     #[schemars(range(min = 1, max = 255))]
     pub threshold: u8,
     /// Whether the body is dark on bright ground [–]
@@ -30,7 +30,7 @@ pub struct MasksSettings {
     /// A silhouette with a larger part body is `full` [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub full_fraction: f64,
-    /// Whether a pixel whose eight neighbours are all of the other kind, or all but one, is of theirs: keyed pictures have such specks, and no limb is as thin [–]
+    /// Whether specks are removed: pixels whose eight neighbours, or all but one, are of the other kind; keyed pictures have such specks, and no limb is as thin [–]
     pub despeckle: bool,
 }
 
@@ -62,7 +62,7 @@ pub struct Masks {
 impl Node for Masks {
     const TYPE: &'static str = "voxel_body.masks";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Takes pictures of masks, which another program made, for silhouettes";
+    const SUMMARY: &'static str = "Reads mask pictures of another program as silhouettes";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = MasksSettings;
 
@@ -158,7 +158,7 @@ impl Node for Masks {
         }
         if specks > MANY_SPECKS {
             report.remark(format!(
-                "{name}: {:.1} % of the pixels of its masks were specks of one or two pixels and were given their neighbours' value: are masks noisy, or saved as JPEG? (`despeckle`)",
+                "{name}: {:.1} % of the pixels of its masks were specks of one or two pixels and were removed: are masks noisy, or saved as JPEG? (`despeckle`)",
                 100.0 * specks
             ));
         }
@@ -274,17 +274,17 @@ mod tests {
             let pixel = |at: i32| (f64::from(at % 20 - 10).hypot(f64::from(at / 20 - 10)) < radius) == (inside == 255);
             (0..400).map(|at| if pixel(at) { 255 } else { 0 }).collect()
         };
-        let told = |pixels: &[u8], inverted: bool| {
+        let remarks = |pixels: &[u8], inverted: bool| {
             let mut bench = NodeBench::<Masks>::new(MasksSettings { inverted, ..MasksSettings::default() }).unwrap();
             let image = Image { width: 20, height: 20, pixels: pixels.to_vec(), ..Image::default() };
             bench.feed(&IMAGE, Time::ZERO, image).unwrap();
             bench.finish().unwrap().remarks.join(" ")
         };
-        assert!(told(&disc(6.0, 0), false).contains("`inverted = true`"));
-        assert!(told(&disc(6.0, 255), true).contains("`inverted = false`"));
+        assert!(remarks(&disc(6.0, 0), false).contains("`inverted = true`"));
+        assert!(remarks(&disc(6.0, 255), true).contains("`inverted = false`"));
         // Somebody so near that most of the picture and much of its edge is body.
-        assert_eq!(told(&disc(11.5, 255), false), "");
-        assert_eq!(told(&disc(6.0, 255), false), "");
+        assert_eq!(remarks(&disc(11.5, 255), false), "");
+        assert_eq!(remarks(&disc(6.0, 255), false), "");
     }
 
     #[test]
@@ -309,10 +309,10 @@ mod tests {
             (wrong.count(), bench.finish().unwrap().remarks.join(" "))
         };
         assert_eq!(read(&clean, true), (0, String::new()));
-        let (wrong, told) = read(&noisy, true);
-        let (before, untold) = read(&noisy, false);
+        let (wrong, remarks) = read(&noisy, true);
+        let (before, no_remarks) = read(&noisy, false);
         assert!(before > 120 && wrong < before / 4, "{wrong} of {before} are left");
-        assert!(told.contains("were specks") && untold.is_empty(), "{told} {untold}");
+        assert!(remarks.contains("were specks") && no_remarks.is_empty(), "{remarks} {no_remarks}");
     }
 
     fn one(settings: MasksSettings, pixels: &[u8], format: PixelFormat) -> Silhouette {

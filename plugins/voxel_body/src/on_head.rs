@@ -20,7 +20,7 @@ pub(crate) struct Turn {
     pub image: Stamped<Arc<Image>>,
     /// Whether it is one of the empty scene.
     pub is_empty: bool,
-    /// From where it was taken; `None`: nobody could say.
+    /// Pose at capture; `None`: unknown.
     pub from: Option<From>,
 }
 

@@ -7,7 +7,7 @@ use foveate::messages::Silhouette;
 
 /// How far in and out colours are taken [px]: beyond the blur of a lens.
 const REACH: f64 = 3.0;
-/// Colours that differ by less are not told apart by a mixture [gray level].
+/// Smallest difference of colours for a mixture [gray level].
 const CONTRAST: f64 = 30.0;
 
 /// Takes pixels at the rim of the body in `confidence` away, layer by layer, that are more background than body: their confidence is the highest that is none. `pixels` has `channels` bytes a pixel.

@@ -9,68 +9,68 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SilhouetteSettings {
-    /// A picture of the scene without anybody, of the size of the camera's pictures; `{camera}` is the camera's name, `${NAME}` an environment variable;
+    /// A picture of the empty scene, of the size of the camera's pictures; `{camera}` is the camera's name, `${NAME}` an environment variable;
     /// empty: none. With pictures at the port `background` it is not used [–]
     pub background: String,
-    /// Pictures that the background is learnt from: of those at the port `background`, or of the camera's own where that is open and there is no picture of the empty scene. Who moves on within
-    /// half of them leaves no trace. With `pose`: nobody may be there, and the head has to look wherever it will look later, so that it takes some seconds [frames]
+    /// Pictures that the background is learnt from: those at the port `background`, or the camera's own where that is not connected and there is no picture of the empty scene. A person who leaves within
+    /// half of them leaves no trace. With `pose`: the scene must be empty, and the head has to cover all later directions, which takes some seconds [frames]
     #[schemars(range(min = 1, max = 10000))]
     pub learn_frames: u32,
-    /// The part of the background that its own noise leaves within the limits; the rest goes with the specks [–]
+    /// The part of the background that its own noise leaves within the limits; the rest is removed as specks [–]
     #[schemars(range(min = 0.5, max = 0.99999))]
     pub detection_rate: f32,
-    /// The part of the light that a shadow leaves, at least; 1: shadows are body. Things of the colour of what is behind them, and darker by no more than this, are lost [–]
+    /// Smallest part of the light that a shadow leaves; 1: shadows are body. Objects of the background's colour that are darker by no more than this are lost [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub shadow_ratio: f32,
-    /// How much brighter a highlight or a reflection may be; 1: they are body [–]
+    /// Largest brightening of a highlight or a reflection; 1: they are body [–]
     #[schemars(range(min = 1.0, max = 10.0))]
     pub highlight_ratio: f32,
-    /// Whether a shadow or highlight must leave the texture of its background, over windows of 6 px: clothes as dark as a shadow are body then, if they look otherwise. For backgrounds learnt by the camera as it stands: where it has moved by a part of a pixel since, or exposes otherwise, all of the picture looks otherwise. If not, what single pixels say has to do [–]
+    /// Whether a shadow or highlight must keep the texture of its background, over windows of 6 px: clothes as dark as a shadow are then body, if their texture differs. Only for an unmoved camera with fixed exposure: a shift by a part of a pixel changes all textures. Otherwise single pixels decide [–]
     pub by_texture: bool,
-    /// No pixel's standard deviation is taken to be lower than this: covers compression and flicker [gray level]
+    /// Lower bound of a pixel's standard deviation: covers compression and flicker [gray level]
     #[schemars(range(min = 0.1, max = 255.0))]
     pub noise_floor: f32,
-    /// How far an edge of the background may have moved by trembling or compression, one standard deviation [px]
+    /// Motion of the background's edges by vibration or compression, standard deviation [px]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub jitter_px: f32,
-    /// Pictures in which the background follows a slow change of the light by 63 % [frames]
+    /// Pictures in which the background adapts to 63 % of a slow change of the light [frames]
     #[schemars(range(min = 1.0, max = 1000000.0))]
     pub adapt_frames: f32,
-    /// Pictures after which something that came, and does not move at all, is background; 0: never, so that who sits still stays. A blob in which a target is predicted is
+    /// Pictures after which an object that does not move becomes background; 0: never, so that a sitting person stays. A blob in which a target is predicted is
     /// never absorbed [frames]
     #[schemars(range(min = 0, max = 1000000))]
     pub absorb_frames: u32,
-    /// A silhouette that fills a larger part of the picture is `full`; `learn_frames` of them, and the background is learnt again [–]
+    /// A silhouette that fills a larger part of the picture is `full`; after `learn_frames` of them the background is learnt again [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relearn_fraction: f64,
-    /// The camera was moved when a larger part of the edges of its background is not where it was, in every quarter of the picture [–]
+    /// The camera was moved when a larger part of the background's edges has moved, in every quarter of the picture [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub moved_fraction: f64,
     /// Smallest piece of body that is kept [px²]
     #[schemars(range(min = 1, max = 1000000000))]
     pub min_area_px: u32,
-    /// Gaps between body and body that are narrower than twice this are body: seams and edges of what is behind, which a close view loses as strips across limbs; 0: none [px]
+    /// Gaps in the body narrower than twice this are body: seams and edges of the background, which a close view loses as strips across limbs; 0: none [px]
     #[schemars(range(min = 0, max = 1000))]
     pub close_px: u32,
-    /// Layers of pixels at the rim that are background if they have more of its colour than of the body's: a lens blurs rims, and silhouettes are a pixel too wide at each side without. For backgrounds without texture, which is taken for body otherwise; 0: none [px]
+    /// Layers of rim pixels that become background if their colour is nearer to it than to the body's: blur makes silhouettes a pixel too wide at each side otherwise. For backgrounds without texture, which would be taken for body; 0: none [px]
     #[schemars(range(min = 0, max = 10))]
     pub rim_px: u32,
     /// Holes in the body up to this size are body [px²]
     #[schemars(range(min = 0, max = 1000000000))]
     pub max_hole_px: u32,
-    /// Pieces no further apart than this, in rows and in columns, are one blob, and kept together [px]
+    /// Pieces at most this far apart, in rows and in columns, are one blob, and kept together [px]
     #[schemars(range(min = 0, max = 10000))]
     pub merge_px: u32,
-    /// Blobs of one picture, at most: the largest [–]
+    /// Blobs of one picture, at most; the largest are kept [–]
     #[schemars(range(min = 1, max = 10000))]
     pub max_features: u32,
-    /// How far a blob's middle may be from the one that other cameras see of the same body, one standard deviation, in standard deviations of its pixels along each axis [–]
+    /// Standard deviation of the distance between a blob's middle and that of other cameras for the same body, in standard deviations of its pixels along each axis [–]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub shape_error: f64,
-    /// With `pose`: how far the background is, roughly. It moves against what is nearer and farther when the head turns; views a few degrees apart are kept, so that twice or half of it does little [m]
+    /// With `pose`: approximate distance of the background, for its parallax when the head turns; views a few degrees apart are kept, so that a factor of two matters little [m]
     #[schemars(range(min = 0.1, max = 100000.0))]
     pub background_m: f64,
-    /// Regions in which nothing is looked for, such as windows: a list of polygons, each a list of corners (x, y) [px]
+    /// Regions in which nothing is detected, such as windows: a list of polygons, each a list of corners (x, y) [px]
     pub masks: Vec<Vec<[f64; 2]>>,
 }
 
@@ -105,10 +105,10 @@ impl Default for SilhouetteSettings {
 }
 
 impl SilhouetteSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("learn_frames", self.learn_frames, 1..=10_000)?;
         ConfigError::unless_in("detection_rate", self.detection_rate, 0.5..=0.99999)?;
@@ -142,19 +142,18 @@ impl SilhouetteSettings {
     pub(crate) fn check_on_head(&self) -> Result<(), ConfigError> {
         if !self.background.is_empty() {
             let text = format!(
-                "found `{}`, expected none: one picture is no background of a camera that turns; it learns from pictures with poses",
+                "found `{}`, expected none: one picture is no background for a camera that turns; it learns from pictures with poses",
                 self.background
             );
             return Err(ConfigError::at("background", text));
         }
         if !self.masks.is_empty() {
             let n = self.masks.len();
-            let text = format!("found {n} masks, expected none: of a camera that turns no pixel stays where it is");
+            let text = format!("found {n} masks, expected none: for a camera that turns no pixel is fixed");
             return Err(ConfigError::at("masks", text));
         }
         if self.absorb_frames > 0 {
-            let text =
-                format!("found {}, expected 0: of a camera that turns no pixel stays where it is", self.absorb_frames);
+            let text = format!("found {}, expected 0: for a camera that turns no pixel is fixed", self.absorb_frames);
             return Err(ConfigError::at("absorb_frames", text));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! `voxel_body.silhouette`: which pixels of one camera's pictures show a body, without its shadow.
+//! `voxel_body.silhouette`: separates a body from background, shadow and highlight in one camera's pictures.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -24,28 +24,28 @@ ports! {
 const PORTS: DetectorPorts = DetectorPorts { image: &IMAGE, predicted: &PREDICTED, features: &FEATURES };
 
 figures! {
-    "detector.features.*": count, neither, "Blobs found, over all pictures of the camera";
-    "detector.pictures_searched.*": count, neither, "Pictures that were searched; those below are left out";
-    "detector.pictures_learning.*": count, neither, "Pictures that only served to learn the background";
-    "detector.pictures_flooded.*": count, low, "Pictures that differed too much from the background to be searched";
+        "detector.features.*": count, neither, "Blobs found in all pictures of the camera";
+        "detector.pictures_searched.*": count, neither, "Pictures searched; the pictures of the three figures below are not among them";
+        "detector.pictures_learning.*": count, neither, "Pictures used only to learn the background";
+        "detector.pictures_flooded.*": count, low, "Pictures not searched because too much of them differed from the background";
     "detector.pictures_refused.*": count, low, "Pictures that could not be read: wrong size, part, colour or pixels";
     "silhouette.seen.*": count, high, "Silhouettes of the camera with a body";
-    "silhouette.empty.*": count, neither, "Silhouettes without one";
-    "silhouette.full.*": count, low, "Silhouettes that fill the picture: the background was not right, such as when a lamp went on";
+        "silhouette.empty.*": count, neither, "Silhouettes without a body";
+    "silhouette.full.*": count, low, "Silhouettes that fill the picture: the background was wrong, such as after a lamp was switched on";
     "silhouette.moved.*": count, low, "Silhouettes of a camera that was moved since the background was learnt";
     "silhouette.body_share.*": share, neither, "Mean part of the camera's picture that is body, over silhouettes with one";
     "silhouette.relit.*": count, neither, "Pictures of the camera whose light differs from the learnt one by more than a tenth";
-    "silhouette.views.*": count, neither, "Views of the background that are kept of a camera on a head";
-    "silhouette.without_pose.*": count, low, "Pictures of a camera on a head of which it is not known where it stood";
-    "silhouette.unknown.*": count, low, "Pictures of a camera on a head before a background of which less than half is known";
-    "silhouette.aligned.*": share, high, "Pictures of a camera on a head that told by themselves how far the head's pose was off; the others go by the pose";
+        "silhouette.views.*": count, neither, "Stored views of the background of a camera on a head";
+        "silhouette.without_pose.*": count, low, "Pictures of a camera on a head without a pose";
+        "silhouette.unknown.*": count, low, "Pictures of a camera on a head with less than half of the background known";
+        "silhouette.aligned.*": share, high, "Pictures of a camera on a head whose pose was corrected by alignment; the others use the stated pose";
     "silhouette.background_refused.*": count, low, "Pictures of the empty scene that could not be learnt from";
 }
 
-/// Pictures in; out a silhouette of each, and the blobs in it with the ports of `blob.detector`.
+/// Pictures in; a silhouette of each out, and its blobs with the ports of `blob.detector`.
 ///
 /// The background is learnt from the pictures at `background` (a film of the empty scene, which ends before the person's begins), from a picture that the settings name, or from the camera's own first
-/// pictures. A silhouette comes for every picture that can be read; what it is worth stands in its status.
+/// pictures. Every readable picture gives a silhouette; its status states its quality.
 ///
 /// With `pose` the camera is one on a head: each picture waits for the pose of its time, and the background is a panorama of views that are kept. A silhouette is then of the part of the picture behind which
 /// it is known what stands; where that is less than half, its status is `learning`. At `aligned` the poses come out again, better by what the pictures' backgrounds say of them.
@@ -83,8 +83,7 @@ struct Tally {
 impl Node for SilhouetteNode {
     const TYPE: &'static str = "voxel_body.silhouette";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str =
-        "Tells the pixels of a body from background, shadow and highlight in the pictures of one camera";
+    const SUMMARY: &'static str = "Separates a body from background, shadow and highlight in one camera's pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SilhouetteSettings;
 
@@ -100,7 +99,7 @@ impl Node for SilhouetteNode {
             let (Some(head), Some(_)) = (setup.head_model(), size) else {
                 let name = setup.camera_name().unwrap_or_default();
                 let message = format!(
-                    "found a pose for `{name}`, which the calibration does not know as a camera on a head, expected `[head.{name}]` there, or nothing at `pose`"
+                    "found a pose for `{name}`, which has no head in the calibration, expected `[head.{name}]` there, or no input `pose`"
                 );
                 return Err(ConfigError::node(message));
             };
@@ -190,13 +189,13 @@ impl Node for SilhouetteNode {
             }
             if n > 0 && tally.aligned * 2 < n {
                 report.remark(format!(
-                    "{name}: {} of {n} pictures told how far the pose was off: what is behind has too little texture, or is another than was learnt; the others go by the pose alone",
+                    "{name}: {} of {n} pictures could be aligned with the background: it has too little texture, or has changed since it was learnt; the others use the stated pose",
                     tally.aligned
                 ));
             }
             if tally.unknown > 0 {
                 report.remark(format!(
-                    "{name}: in {} pictures less than half of the background is known: while it learnt, the head did not look there, expected views of the empty scene wherever it will look (`patrol_deg` of `pan_tilt.selector`)",
+                    "{name}: in {} pictures less than half of the background is known: the head did not look there while learning, expected views of the empty scene in all later directions (`patrol_deg` of `pan_tilt.selector`)",
                     tally.unknown
                 ));
             }
@@ -213,7 +212,7 @@ impl Node for SilhouetteNode {
         let searched: u64 = tally.by_status.iter().sum();
         if tally.relit as f64 > RELIT * searched as f64 {
             report.remark(format!(
-                "{name}: in {} of {searched} pictures the light is another than in the background, by more than a tenth: automatic exposure or white balance, or a lamp? Silhouettes are worse then",
+                "{name}: in {} of {searched} pictures the light differs from the background's by more than a tenth: automatic exposure or white balance, or a lamp? Silhouettes are then less accurate",
                 tally.relit
             ));
         }
@@ -221,11 +220,10 @@ impl Node for SilhouetteNode {
             let n = count(SilhouetteStatus::Moved);
             let why = match (&self.on_head, self.is_on_head) {
                 (Some(_), _) => "did it turn while it exposed, or does its light change?",
-                (None, true) => "it stands on a head, expected `pose`, from `pan_tilt.pose`, unless that never turns",
+                (None, true) => "it is on a head, expected `pose` from `pan_tilt.pose`, unless the head never turns",
                 (None, false) => "was the camera moved?",
             };
-            report
-                .remark(format!("{name}: in {n} pictures the edges of the background are not where they were: {why}"));
+            report.remark(format!("{name}: in {n} pictures the edges of the background have moved: {why}"));
         }
         Ok(())
     }
@@ -282,7 +280,7 @@ impl SilhouetteNode {
             None if is_empty => {}
             None => {
                 self.tally.without_pose += 1;
-                let reason = "it is not known where the head stood";
+                let reason = "the head's pose is unknown";
                 io.gap(&FEATURES, image.time(), reason);
                 io.gap(&SILHOUETTE, image.time(), reason);
             }

@@ -3,7 +3,7 @@
 //! `cargo bench -p foveate-calibration --bench calibration_faults` reads recordings below `FOVEATE_DATA`. `-- --verbose` tells each run;
 //! `-- --set WORD` and `-- --fault WORD` take those alone whose name holds the word.
 
-#[path = "../../tests/faulty/mod.rs"]
+#[path = "../../tests/it/faulty/mod.rs"]
 mod faulty;
 mod recorded;
 

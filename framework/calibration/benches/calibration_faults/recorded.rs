@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foveate_calibration::network::{NetworkOptions, Sought};
+use foveate_calibration::network::{CalibrationTarget, NetworkOptions};
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording};
 use foveate_geometry::bundle::Freedom;
 
@@ -63,7 +63,7 @@ fn free(name: &'static str, folder: &Path, rate_hz: f64) -> Option<Recorded> {
     let cameras = sizes.iter().enumerate().map(|(index, size)| guess(format!("cam{index}"), *size, None, LENS));
     let recording = Recording { cameras: cameras.collect(), camera_frames };
     let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
-    let set = Set { recording, sought: Sought::Light, options };
+    let set = Set { recording, sought: CalibrationTarget::Light, options };
     Some(Recorded { name, set, optics_known: false })
 }
 
@@ -78,7 +78,7 @@ fn stated(folder: &Path) -> Option<Recorded> {
     });
     let recording = Recording { cameras: cameras.collect(), camera_frames };
     let options = NetworkOptions::default();
-    let set = Set { recording, sought: Sought::Light, options };
+    let set = Set { recording, sought: CalibrationTarget::Light, options };
     Some(Recorded { name: "s01 laser, optics stated", set, optics_known: true })
 }
 
@@ -96,6 +96,6 @@ fn easy_wand(folder: &Path) -> Option<Recorded> {
     }
     let recording = Recording { cameras: profile.iter().map(of).collect(), camera_frames };
     let options = NetworkOptions { inlier_px: 15.0, sigma_px: 1.0, max_focal_sigma: 0.2, ..NetworkOptions::default() };
-    let set = Set { recording, sought: Sought::Wand, options };
+    let set = Set { recording, sought: CalibrationTarget::Wand, options };
     Some(Recorded { name: "s15 wand, 3 cameras", set, optics_known: false })
 }

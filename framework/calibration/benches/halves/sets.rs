@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use foveate_calibration::board::{self, Board, BoardOptions};
-use foveate_calibration::network::{NetworkOptions, Sought, from_nothing};
+use foveate_calibration::network::{CalibrationTarget, NetworkOptions, from_nothing};
 use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate_calibration::solved::Solved;
 use foveate_calibration::wand::{self, RefineOptions, Wand};
@@ -71,7 +71,9 @@ pub fn light(name: String, recording: Recording, rate_hz: f64, free: Freedom) ->
     recording.cameras.iter_mut().for_each(|it| it.free = free);
     let solve: Solve = Box::new(|recording| {
         let options = NetworkOptions { focal_unknown: true, ..NetworkOptions::default() };
-        from_nothing(recording, Sought::Light, &options).map(|it| it.solved).map_err(|fault| fault.to_string())
+        from_nothing(recording, CalibrationTarget::Light, &options)
+            .map(|it| it.solved)
+            .map_err(|fault| fault.to_string())
     });
     Set { name, recording, rate_hz, is_metric: false, solve }
 }
@@ -82,7 +84,7 @@ const WAND: Wand = Wand { ends: [0, 1], length_m: 1.0, sigma_m: 0.0 };
 fn waved_wand(name: String, recording: Recording) -> Set {
     let solve: Solve = Box::new(|recording| {
         let options = NetworkOptions { inlier_px: 15.0, max_focal_sigma: 0.2, ..NetworkOptions::default() };
-        let network = from_nothing(recording, Sought::Wand, &options).map_err(|fault| fault.to_string())?;
+        let network = from_nothing(recording, CalibrationTarget::Wand, &options).map_err(|fault| fault.to_string())?;
         let options = RefineOptions { sigma_px: network.sigma_px, ..RefineOptions::default() };
         wand::refine(&network.solved, &WAND, &options).map(|it| it.solved).map_err(|fault| fault.to_string())
     });

@@ -1,23 +1,23 @@
-//! Why scale and axes could not be fixed, each with what to do.
+//! Errors of fixing scale and axes, each with its remedy.
 
 use foveate_geometry::CameraStatus;
 
 use super::{FallError, FreedomName};
 
-/// Why the axes are not fixed, and what to do.
+/// Why scale, vertical or origin could not be fixed; the message says what to do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AxesError {
-    /// Nothing to fix them by.
+    /// No source of scale or axes was given.
     #[error(
         "nothing is given that fixes scale or axes; give a wand length, a distance, points on the floor, an L-frame or a fall"
     )]
     NothingGiven,
-    /// A number that cannot be.
+    /// A number outside its range.
     #[error("{what} is {found}, expected {expected}")]
     BadNumber {
-        /// Which.
+        /// What the number is.
         what: String,
-        /// Its value.
+        /// The value that was found.
         found: f64,
         /// What it may be.
         expected: &'static str,
@@ -25,20 +25,20 @@ pub enum AxesError {
     /// No camera has that name.
     #[error("there is no camera {name:?}; the cameras are {}", known.join(", "))]
     NoSuchCamera {
-        /// The name.
+        /// The name that was given.
         name: String,
         /// Those that there are.
         known: Vec<String>,
     },
     /// The camera has no pose.
-    #[error("camera {name:?} has no place: {status}; name another one")]
+    #[error("camera {name:?} has no pose: {status}; name another one")]
     CameraNotSolved {
-        /// Which.
+        /// Name of the camera.
         name: String,
-        /// Why.
+        /// Why it was not calibrated.
         status: CameraStatus,
     },
-    /// The path has nothing there.
+    /// The light was found too rarely in the span.
     #[error(
         "light {label} was found {found} times from {from_s} s to {until_s} s, expected at least {needed}; it was found from {} s to {} s",
         recorded_s[0], recorded_s[1]
@@ -57,16 +57,16 @@ pub enum AxesError {
         /// First and last time of the light; NaN without any [s].
         recorded_s: [f64; 2],
     },
-    /// Fewer stops than asked for.
+    /// Fewer stops than requested.
     #[error(
-        "stop {number} of light {label} is asked for, but the light stood still {found} times; hold it still for {stop_s} s at each place"
+        "stop {number} of light {label} is requested, but the light stood still {found} times; hold it still for {stop_s} s at each place"
     )]
     NoStop {
         /// Which light.
         label: u32,
         /// Which stop.
         number: usize,
-        /// How many there are.
+        /// Number that was found.
         found: usize,
         /// How long one lasts at least [s].
         stop_s: f64,
@@ -81,25 +81,25 @@ pub enum AxesError {
         ends: [u32; 2],
         /// Frames with both.
         frames: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
     /// Not enough places.
     #[error("{given}: {found} places, expected at least {needed}")]
     TooFewPlaces {
-        /// What for.
+        /// The source.
         given: String,
-        /// How many.
+        /// Number that was found.
         found: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
-    /// Places too close together for what they are to tell.
+    /// Places too close together for their uncertainty.
     #[error(
         "{given}: the places are {distance:.3e} apart and known to {sigma:.1e} (units of the solution); choose places farther apart"
     )]
     SamePlace {
-        /// What for.
+        /// The source.
         given: String,
         /// Their distance, in units of the solution.
         distance: f64,
@@ -111,28 +111,26 @@ pub enum AxesError {
         "{given}: the places lie on a line (they spread {ratio:.1e} times as far across it as along it); add one beside the line"
     )]
     Collinear {
-        /// What for.
+        /// The source.
         given: String,
         /// Across over along.
         ratio: f64,
     },
-    /// Points that fit only in a mirror.
-    #[error(
-        "{given}: the points are those of a mirrored world ({why}); swap two of them, or check the signs of the coordinates"
-    )]
+    /// Points that fit only the mirror image of the room.
+    #[error("{given}: the points are mirrored ({why}); swap two of them, or check the signs of the coordinates")]
     Mirrored {
-        /// What for.
+        /// The source.
         given: String,
         /// What shows it.
         why: String,
     },
-    /// Points that do not have the shape that is claimed.
+    /// Points whose distances differ from the stated coordinates.
     #[error(
         "{given}: the points are off by {rms_m:.4} m, expected about {expected_m:.4} m; the worst is number {worst} with {worst_m:.4} m: \
          check its coordinates, and that the places are in the order given"
     )]
     Misfit {
-        /// What for.
+        /// The source.
         given: String,
         /// Root mean square distance [m].
         rms_m: f64,
@@ -149,39 +147,39 @@ pub enum AxesError {
          choose places on the floor"
     )]
     NoSideIsUp {
-        /// What for.
+        /// The source.
         given: String,
         /// Share of the path above [%].
         above: f64,
     },
-    /// That was no fall.
+    /// The span contains no free fall.
     #[error("a fall from {from_s} s to {until_s} s: {fault}")]
     NoFall {
         /// Start of the span [s].
         from_s: f64,
         /// Its end [s].
         until_s: f64,
-        /// Why.
+        /// The fault.
         fault: FallError,
     },
-    /// Axes that the cameras do not show.
-    #[error("the cameras do not tell the vertical: {why}; give a fall, a plumb line or points on the floor")]
-    CamerasTellNothing {
-        /// Why.
+    /// The cameras' orientation does not determine the vertical.
+    #[error("the cameras do not determine the vertical: {why}; give a fall, a plumb line or points on the floor")]
+    VerticalUnobservable {
+        /// The reason.
         why: String,
     },
-    /// Two sources that cannot both be right.
+    /// Two sources that contradict each other.
     #[error(
-        "the {freedom} by {a} and by {b} differ by {}, expected at most {}{}; one of them is wrong: measure again, or leave one out",
+        "the {freedom} from {a} and from {b} differ by {}, expected at most {}{}; one of them is wrong: measure again, or leave one out",
         in_words(*freedom, *difference), in_words(*freedom, *allowed),
-        lengths_m.map_or(String::new(), |[known, other]| format!(" (by the former, the {known:.3} m are {other:.3} m)"))
+        lengths_m.map_or(String::new(), |[known, other]| format!(" (from the former, the {known:.3} m are {other:.3} m)"))
     )]
     Contradiction {
-        /// Of what.
+        /// The freedom concerned.
         freedom: FreedomName,
         /// One source.
         a: String,
-        /// The other.
+        /// The second one.
         b: String,
         /// By how much: relative, rad, or units of the solution.
         difference: f64,

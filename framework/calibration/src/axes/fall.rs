@@ -1,6 +1,6 @@
 //! Free fall in the path of a light: which way is down, and how long a metre is.
 //!
-//! Within the span that a person names, the stretch is looked for whose samples tell a constant acceleration best: quadratics are
+//! Within the given span, the stretch is searched whose samples determine a constant acceleration best: quadratics are
 //! fitted to all stretches (Cauchy's loss), those that miss the samples by more than these scatter are passed over, and the
 //! one with the largest acceleration in its standard deviations is taken. It must make up most of the span, and its acceleration must
 //! not change along it: a hand that waves the light changes it all the time.
@@ -23,7 +23,7 @@ const LEAST_SCATTER: f64 = 1e-5;
 /// Longer spans are thinned out to this many samples.
 const MOST_SAMPLES: usize = 100;
 
-/// A fall that was found.
+/// A free fall found in the path of a light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fall {
     /// The stretch that was used [s].
@@ -38,15 +38,15 @@ pub struct Fall {
     pub rms: f64,
 }
 
-/// Why there is no fall.
+/// Why no free fall was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum FallError {
     /// All samples are of the same moment.
-    #[error("the samples carry no times from which a speed could be had; a fall needs the times of the pictures")]
+    #[error("all samples have the same time; a fall needs the times of the pictures")]
     NoTimes,
     /// The light rests, or the fall is too short.
     #[error(
-        "its acceleration is known to {:.0} % only, expected {:.0} %: the light rests, or falls too short a way; let it fall a metre or more",
+        "its acceleration is known only to {:.0} %, expected {:.0} %: the light is at rest or falls too short a distance; let it fall a metre or more",
         100.0 * sigma, 100.0 * LARGEST_SIGMA
     )]
     TooShort {
@@ -56,7 +56,7 @@ pub enum FallError {
     /// Only a part of the span fits.
     #[error(
         "only {fitting_s:.2} s of the {asked_s:.2} s move with a constant acceleration, expected at least half; the light was held, \
-         or touched something: name the span from letting go to landing"
+         or touched something: give the span from letting go to landing"
     )]
     NotConstant {
         /// The best stretch [s].

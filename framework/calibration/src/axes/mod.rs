@@ -1,32 +1,32 @@
-//! Metres, the vertical and the origin of a solved room, and what fixes each how well.
+//! Scale, vertical and origin of a solved camera network, and how well each is fixed.
 //!
-//! Pixels leave a similarity open. [`fix`] settles as much of it as what is [`Given`] can: a length settles the scale, a fall the
+//! Pixels determine a calibration up to a similarity. [`fix`] fixes as much of it as the [`Given`] sources can: a length fixes the scale, a fall the
 //! scale and the vertical, points on the floor the vertical and the origin, points of known place everything. Each source states
-//! its standard deviation; sources of the same freedom are weighed by it, and refused when they contradict each other. What no
-//! source settles stays as it was and is `None` in [`crate::solved::FixedFreedoms`]. What an earlier step fixed counts as a source.
+//! its standard deviation; sources of the same freedom are weighted by it, and refused when they contradict each other. What no
+//! source fixes stays as it was and is `None` in [`crate::solved::FixedFreedoms`]. What an earlier step fixed counts as a source.
 //!
 //! A light held still for a second is a *stop*; stops are counted from 1 ([`Place::Stop`]), so that a person can lay the light on the
 //! origin, on the X axis and elsewhere on the floor in turn, without a table of times.
 
+mod args;
 mod error;
 mod fall;
 mod places;
 mod sources;
 mod spread;
 mod transform;
-mod wishes;
 
 use nalgebra::{Point3, Similarity3};
 
+pub use self::args::{AxesArgError, AxesArgs};
 pub use self::error::AxesError;
 pub use self::fall::{Fall, FallError};
 pub use self::places::{Stop, stops};
 pub(crate) use self::sources::KNOWN_PLACES;
 pub use self::transform::transformed;
-pub use self::wishes::{WishError, Wishes};
 use crate::solved::Solved;
 
-/// A place in the room.
+/// A place in the room, by a camera or by where the light was.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
     /// The centre of a camera, by its name.
@@ -49,7 +49,7 @@ pub enum Place {
     },
 }
 
-/// Something that is known of the room beside pixels. Standard deviations are those of what the person says, such as of a tape measure.
+/// A measurement of the room beside pixels: a source of scale, vertical or origin. Standard deviations are those of the measurement, such as a tape measure's.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Given {
     /// Two lights of the same frame are this far apart in every frame.
@@ -63,16 +63,16 @@ pub enum Given {
     },
     /// Two places are this far apart.
     Distance {
-        /// One.
+        /// The first one.
         a: Place,
-        /// The other.
+        /// The second one.
         b: Place,
         /// Between them [m].
         metres: f64,
         /// Of the distance [m].
         sigma_m: f64,
     },
-    /// Places of known coordinates, such as an L-frame: at least three, not on a line. Settles everything.
+    /// Places of known coordinates, such as an L-frame: at least three, not on a line. Fixes everything.
     Points {
         /// Each with where it is in the world [m].
         known: Vec<(Place, Point3<f64>)>,
@@ -106,11 +106,11 @@ pub enum Given {
         /// How far either may be off the line, in parts of their distance [–].
         sigma: f64,
     },
-    /// The cameras are mounted without roll: their horizontal axes lie in the horizontal plane. An assumption, and weak.
+    /// The cameras are mounted without roll: their horizontal axes lie in the horizontal plane. A weak assumption.
     CamerasUpright,
 }
 
-/// How to go about it.
+/// Options of [`fix`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxesOptions {
     /// A light is at a stop when still for this long [s].
@@ -137,14 +137,14 @@ impl Default for AxesOptions {
     }
 }
 
-/// What [`fix`] found.
+/// The result of [`fix`]: the room in its new space, and the contribution of each source.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxesFixed {
     /// The room in its new space.
     pub solved: Solved,
     /// From the space before to the new one.
     pub world_from_solved: Similarity3<f64>,
-    /// What each source of a freedom says, for people to compare.
+    /// What each source gives for its freedom, for comparison.
     pub sources: Vec<SourceFigure>,
     /// Falls that were found, in the order given; in the units of the space before.
     pub falls: Vec<Fall>,
@@ -163,7 +163,7 @@ pub struct SourceFigure {
     pub sigma: f64,
 }
 
-/// What pixels leave open.
+/// A freedom that pixels leave undetermined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FreedomName {
     /// The length of a metre.
@@ -184,7 +184,7 @@ impl std::fmt::Display for FreedomName {
     }
 }
 
-/// Fixes what `given` can fix of the space of `solved`.
+/// Fixes scale, vertical and origin of `solved`, as far as the sources `given` determine them. Cameras, points and covariances are transformed together.
 ///
 /// # Errors
 /// See [`AxesError`].

@@ -14,7 +14,7 @@ const LEAST_AT_STOP: usize = 5;
 /// Samples in a row that may be off without ending a stop.
 const PATIENCE: usize = 3;
 
-/// A stay of a light at one place.
+/// A stop: a stretch of time in which a light stood still.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stop {
     /// First and last moment [s].

@@ -1,4 +1,4 @@
-//! What each given says of scale, vertical and origin, and what they say together.
+//! Estimates of scale, vertical and origin from each source, and their combination.
 
 use foveate_geometry::CameraStatus;
 use foveate_geometry::alignment::{AlignmentOptions, align};
@@ -156,7 +156,7 @@ impl Sources {
             let mirrored: Vec<Point3<f64>> = in_world.iter().map(|it| Point3::new(it.x, it.y, -it.z)).collect();
             let in_mirror = align(&in_solved, &mirrored, options).map(|it| it.rms).unwrap_or(f64::INFINITY);
             if in_mirror < 0.3 * aligned.rms {
-                let why = format!("in a mirror they fit to {in_mirror:.4} m, as they are to {:.4} m", aligned.rms);
+                let why = format!("mirrored they fit to {in_mirror:.4} m, as they are to {:.4} m", aligned.rms);
                 return Err(AxesError::Mirrored { given: by, why });
             }
             let farthest = aligned.distances.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -292,14 +292,14 @@ impl Sources {
         let roll = LEAST_ROLL.max((axes.eigenvalues[least].max(0.0) / (back.len() as f64 - 2.0).max(1.0)).sqrt());
         let sigma = roll / axes.eigenvalues[middle].max(f64::MIN_POSITIVE).sqrt();
         if back.len() < 2 || sigma > 0.3 {
-            let why = format!("{} calibrated cameras look in nearly the same direction", back.len());
-            return Err(AxesError::CamerasTellNothing { why });
+            let why = format!("{} calibrated cameras point in nearly the same direction", back.len());
+            return Err(AxesError::VerticalUnobservable { why });
         }
         let up: Vector3<f64> = axes.eigenvectors.column(least).into_owned();
         let agreement = up.dot(&heads) / back.len() as f64;
         if agreement.abs() < 0.2 {
             let why = "their upper edges do not lie on one side".to_owned();
-            return Err(AxesError::CamerasTellNothing { why });
+            return Err(AxesError::VerticalUnobservable { why });
         }
         let by = "the cameras being mounted upright (an assumption)".to_owned();
         self.ups.push(Up { by, up: Unit::new_normalize(up * agreement.signum()), sigma });

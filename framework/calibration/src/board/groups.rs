@@ -1,4 +1,4 @@
-//! Where cameras stand to one another: pairs that see the board together, chained from the best pair on.
+//! Relative poses of cameras: pairs that see the board together, chained from the best pair on.
 //!
 //! A picture of the board leaves up to two poses open, and which way round a symmetric board lies. A pair of cameras has one relative
 //! pose in all frames, so the choice that most frames share is the right one; where there is but one frame, or the board never turned,
@@ -111,7 +111,7 @@ pub(super) fn pair(
     Some(Paired { link, b_from_a: chosen.2, loss: chosen.0, open })
 }
 
-/// Cameras that hang together, and the pose of each in the space of the first.
+/// Connected cameras, and the pose of each in the space of the first.
 pub(super) struct Group {
     pub members: Vec<(usize, Isometry3<f64>)>,
     /// Members whose place hangs on a pair with more than one answer.

@@ -26,13 +26,16 @@ use nalgebra::Vector3;
 
 pub use network::calibrate;
 pub use pattern::Board;
-pub use types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, Refused, Stretch, Why};
-pub use unsynchronised::{NoBoardClocks, board_on_one_clock};
+pub use types::{
+    BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, OpticsRefusal, Refused, Stretch,
+};
+pub use unsynchronised::{BoardClocksError, board_on_one_clock};
 
-/// Boards whose directions differ by less are as good as parallel: focal length and distance are then told apart by perspective alone [rad].
+/// Boards whose directions differ by less are as good as parallel: focal length and distance are then distinguished by perspective alone [rad].
 const ONE_ANGLE: f64 = 0.17;
 
-/// By how much the directions of several boards, whose normals these are, differ at most [rad], where that is so little that all are as good as one.
+/// The largest angle between board normals [rad], if it is so small that all boards are as good as one view; `None` otherwise. One angle does not
+/// determine a focal length.
 pub fn one_angle(normals: &[Vector3<f64>]) -> Option<f64> {
     let pairs = normals.iter().flat_map(|a| normals.iter().map(move |b| a.angle(b)));
     let most = pairs.fold(0.0, f64::max);

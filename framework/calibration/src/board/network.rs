@@ -1,4 +1,4 @@
-//! From looks at a board to a solved room.
+//! From pictures of a board to a solved camera network.
 
 mod hold_out;
 mod stretch;
@@ -18,7 +18,7 @@ use super::optics::{self, View};
 use super::pattern::Board;
 use super::plane;
 use super::rigid::{self, Rigid, RigidOptions, Seen};
-use super::types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, Why};
+use super::types::{BoardError, BoardOptions, BoardPose, BoardSolution, HoldOut, OpticsFit, OpticsRefusal};
 use super::views::{check, frames, gather};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint, Step};
@@ -26,10 +26,39 @@ use crate::solved::{FixedFreedoms, ObservationRole, Solved, SolvedCamera, Solved
 /// All views together contradict a camera's own when its focal length is further from these than this [standard deviations].
 const CONTRADICTION: f64 = 3.5;
 
-/// Finds optics, as far as they are free, and poses of all cameras that see `board`, together or in a chain.
+/// Calibrates all cameras that see `board`, together or in a chain: their optics as far as they are free, and their poses in metres.
 ///
-/// Spots carry the number of their mark as `label`; how often a spot is unusable, and what became of each camera, is said in the result. One
-/// camera alone is an answer too: its optics, and its pose to the board.
+/// Spots carry the number of their mark as `label`; the result counts unusable spots and gives the status of each camera. One
+/// camera alone works too: its optics, and its pose relative to the board.
+///
+/// ```
+/// use foveate_calibration::board::{Board, BoardOptions, calibrate};
+/// use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+/// use foveate_geometry::{Camera, bundle::Freedom};
+/// use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+///
+/// // A camera with a focal length of 610 px sees a board at twelve tilts.
+/// let camera = |focal| Camera::look_at(Point3::new(0.0, -1.2, 0.1), Point3::origin(), [640, 480], focal);
+/// let (truth, board) = (camera(610.0), Board::chessboard(8, 5, 0.04)?);
+/// let facing = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
+/// let camera_frames = (0..12).map(|frame| {
+///     let angle = 0.5 * f64::from(frame);
+///     let tilt = UnitQuaternion::from_euler_angles(0.5 * angle.sin(), 0.5 * angle.cos(), 0.1 * angle);
+///     let world_from_board = Isometry3::from_parts(Translation3::identity(), facing * tilt) * Translation3::new(-0.14, 0.08, 0.0);
+///     let spot = |(id, place): (u32, Point3<f64>)| {
+///         let pixel = truth.sees(&(world_from_board * place))?;
+///         Some(Spot { pixel, sigma_px: 0.1, peak: 1.0, label: Some(id) })
+///     };
+///     CameraFrame { camera: 0, time_s: f64::from(frame), spots: board.marks().filter_map(spot).collect() }
+/// });
+/// let guess = CameraGuess { name: "cam".into(), camera: camera(800.0), free: Freedom { focal: true, ..Freedom::POSE } };
+/// let recording = Recording { cameras: vec![guess], camera_frames: camera_frames.collect() };
+///
+/// let found = calibrate(&recording, &board, &BoardOptions::default())?;
+/// let focal_px = found.solved.cameras[0].camera.intrinsics.focal[0];
+/// assert!((focal_px - 610.0).abs() < 0.5, "{focal_px}");
+/// # Ok::<(), foveate_calibration::board::BoardError>(())
+/// ```
 ///
 /// # Errors
 /// See [`BoardError`].
@@ -84,7 +113,7 @@ fn solve(
     let most_views = (0..n_cameras).map(views).max().unwrap_or(0);
     let is_sought = recording.cameras.iter().any(|it| it.free != Freedom::POSE);
     let tilts = optics.iter().flat_map(|it| &it.refused).filter_map(|it| match it.why {
-        Why::ViewsParallel { tilt_rad, .. } => Some(tilt_rad),
+        OpticsRefusal::ViewsParallel { tilt_rad, .. } => Some(tilt_rad),
         _ => None,
     });
     let tilt_rad = tilts.reduce(f64::max);
@@ -165,8 +194,10 @@ fn alone(
     let asked = recording.cameras[camera].free.focal && options.focal_guessed;
     match fit.refused.iter().find(|it| it.what == Optic::Focal).filter(|_| asked).map(|it| it.why) {
         _ if own.is_empty() => CameraStatus::TooFewObservations { frames: 0, needed: 1 },
-        Some(Why::TooFewViews { views, needed }) => CameraStatus::TooFewObservations { frames: views, needed },
-        Some(Why::Uncertain { sigma, .. }) => CameraStatus::FocalOpen { sigma },
+        Some(OpticsRefusal::TooFewViews { views, needed }) => {
+            CameraStatus::TooFewObservations { frames: views, needed }
+        }
+        Some(OpticsRefusal::Uncertain { sigma, .. }) => CameraStatus::FocalOpen { sigma },
         Some(_) => CameraStatus::FocalOpen { sigma: f64::INFINITY },
         None if 2 * posed < own.len().min(options.min_views) || posed == 0 => {
             CameraStatus::Inconsistent { best: camera, common: own.len(), right: posed }
@@ -273,11 +304,11 @@ impl<'a> Room<'a> {
         self.adjust("cameras and boards", &rough);
         // From better cameras another of two poses may be the right one.
         self.place_boards();
-        self.adjust("boards placed anew", &rough);
+        self.adjust("boards placed again", &rough);
         self.reject();
         self.move_to_origin();
         self.adjust(
-            "without what contradicts",
+            "without outliers",
             &RigidOptions { loss: Loss::HUBER, covariance: true, correlated: true, ..RigidOptions::default() },
         );
         self.test();

@@ -1,4 +1,4 @@
-//! One camera's optics from its views of the board, and which of them the views can hold.
+//! One camera's optics from its views of the board, and which of them the views determine.
 
 use foveate_estimation::Loss;
 use foveate_geometry::Camera;
@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point2, Point3, SMatrix, Vector3};
 
 use super::plane::{self, Homography};
 use super::rigid::{self, Rigid, RigidOptions, Seen};
-use super::{BoardOptions, OpticsFit, Refused, Why};
+use super::{BoardOptions, OpticsFit, OpticsRefusal, Refused};
 
 /// What one camera saw of the board in one picture.
 #[derive(Debug, Clone)]
@@ -44,7 +44,7 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], options: &Boar
     }
     let views = &different(views)[..];
     if views.len() < options.min_views {
-        let why = Why::TooFewViews { views: views.len(), needed: options.min_views };
+        let why = OpticsRefusal::TooFewViews { views: views.len(), needed: options.min_views };
         fit.refused = ladder(wanted).map(|what| Refused { what, why }).collect();
         return fit;
     }
@@ -56,7 +56,7 @@ pub(super) fn fit(guess: &Camera, free: Freedom, views: &[&View], options: &Boar
     let mut freed = wanted;
     loop {
         let Some((adjusted, n)) = refine(&start, freed, &chosen, options) else {
-            fit.refused = ladder(wanted).map(|what| Refused { what, why: Why::Misfit }).collect();
+            fit.refused = ladder(wanted).map(|what| Refused { what, why: OpticsRefusal::Misfit }).collect();
             fit.freed = Freedom::NONE;
             return fit;
         };
@@ -106,10 +106,10 @@ fn verdict(
     let refusable: Vec<Optic> = ladder(freed).collect();
     let open_reason = |sigma: f64, limit: f64| match () {
         () if fit.tilt_rad < options.min_tilt_rad => {
-            Why::ViewsParallel { tilt_rad: fit.tilt_rad, needed_rad: options.min_tilt_rad }
+            OpticsRefusal::ViewsParallel { tilt_rad: fit.tilt_rad, needed_rad: options.min_tilt_rad }
         }
-        () if fit.reach < 0.5 => Why::MiddleOnly { reach: fit.reach },
-        () => Why::Uncertain { sigma, limit },
+        () if fit.reach < 0.5 => OpticsRefusal::MiddleOnly { reach: fit.reach },
+        () => OpticsRefusal::Uncertain { sigma, limit },
     };
     if let Some(Err(open)) = &adjusted.covariance {
         let named = |it: &&Optic| open.iter().any(|(_, name)| Optic::named(name) == Some(**it));
@@ -159,7 +159,7 @@ fn verdict(
             _ => f64::INFINITY,
         };
         if gain < cost {
-            return Some(Refused { what, why: Why::Unneeded });
+            return Some(Refused { what, why: OpticsRefusal::Unneeded });
         }
     }
     None

@@ -12,7 +12,7 @@ use super::BoardError;
 /// board that lies on the floor, Z is up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Board {
-    /// In words, with its size.
+    /// A description with its size, for messages.
     pub name: String,
     places: BTreeMap<u32, Point3<f64>>,
     turns: Vec<Isometry3<f64>>,
@@ -68,7 +68,7 @@ impl Board {
         Ok(Board { name, places, turns: vec![Isometry3::identity()] })
     }
 
-    /// Where mark `id` is on the board; `None` if it has no such mark.
+    /// Place of mark `id` on the board [m]; `None` if it has no such mark.
     pub fn place(&self, id: u32) -> Option<Point3<f64>> {
         self.places.get(&id).copied()
     }
@@ -78,12 +78,12 @@ impl Board {
         self.places.iter().map(|(id, place)| (*id, *place))
     }
 
-    /// Turns of the board in its plane after which it looks the same, the first of them none at all.
+    /// Symmetries: rotations of the board in its plane after which it looks the same, the identity first.
     pub fn turns(&self) -> &[Isometry3<f64>] {
         &self.turns
     }
 
-    /// Distance of its two marks that are farthest apart [m].
+    /// Largest distance between two marks [m].
     pub fn size(&self) -> f64 {
         let points: Vec<&Point3<f64>> = self.places.values().collect();
         let farthest = |a: &Point3<f64>| points.iter().map(|b| (a - *b).norm()).fold(0.0, f64::max);

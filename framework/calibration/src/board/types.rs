@@ -1,4 +1,4 @@
-//! What a calibration from boards goes by, and what it says beside the room itself.
+//! Options, results and errors of calibration from boards.
 
 use foveate_geometry::Camera;
 use foveate_geometry::bundle::{Freedom, Optic, OpticsSigma};
@@ -6,10 +6,10 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::solved::Solved;
 
-/// How to go about it.
+/// Options of [`calibrate`](super::calibrate).
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardOptions {
-    /// Looks of different cameras that are at most this far apart in time are of one frame [s].
+    /// Pictures of different cameras that are at most this far apart in time are of one frame [s].
     pub frame_tolerance_s: f64,
     /// A mark that is at most this far from where the solution has it is a right one [px].
     pub inlier_px: f64,
@@ -23,7 +23,7 @@ pub struct BoardOptions {
     pub max_focal_sigma: f64,
     /// A distortion term that leaves the corner of the image uncertain by more than this is refused [px].
     pub max_corner_px: f64,
-    /// When the board lay still on the floor, printed face up: its mark 0 is the origin then, and Z is up [s].
+    /// A time at which the board lay on the floor, printed face up: its mark 0 then becomes the origin, and Z is up [s].
     pub floor_time_s: Option<f64>,
     /// Whether focal lengths as given are guesses: a camera whose own cannot be found is not calibrated then, and keeps what was given otherwise.
     pub focal_guessed: bool,
@@ -51,28 +51,28 @@ impl Default for BoardOptions {
     }
 }
 
-/// An optic that was asked for and is left as given.
+/// A parameter of the optics that was to be found and stays as given.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("{what} stays as given: {why}")]
 pub struct Refused {
-    /// Which.
+    /// What the number is.
     pub what: Optic,
-    /// Why.
-    pub why: Why,
+    /// The reason.
+    pub why: OpticsRefusal,
 }
 
-/// Why an optic was not sought or not kept.
+/// Why a parameter of the optics was not estimated or not kept.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Why {
+pub enum OpticsRefusal {
     /// Too few pictures of the board.
     #[error("{views} different views of the board, expected at least {needed}")]
     TooFewViews {
         /// How many different ones there are.
         views: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
-    /// The board was parallel to the picture in all views: its distance and the focal length cannot be told apart.
+    /// The board was parallel to the picture in all views: its distance and the focal length cannot be separated.
     #[error("the board was never tilted by more than {:.0} degrees against the picture, expected {:.0}", tilt_rad.to_degrees(), needed_rad.to_degrees())]
     ViewsParallel {
         /// The largest tilt [rad].
@@ -81,12 +81,12 @@ pub enum Why {
         needed_rad: f64,
     },
     /// The board was in the middle of the picture only.
-    #[error("the board was seen within {:.0} % of the way to the corners only", 100.0 * reach)]
+    #[error("the board was seen only within {:.0} % of the way to the corners", 100.0 * reach)]
     MiddleOnly {
         /// How far out marks were seen, over half the diagonal [–].
         reach: f64,
     },
-    /// It would be found, but not well.
+    /// Its standard deviation would be too large.
     #[error(
         "its standard deviation, or its effect at the corner of the image, would be {sigma:.2e}, expected at most {limit:.2e}"
     )]
@@ -107,15 +107,15 @@ pub enum Why {
 /// A camera's optics, from its own views of the board.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpticsFit {
-    /// The camera with these optics; its pose is of no consequence.
+    /// The camera with these optics; its pose has no meaning.
     pub camera: Camera,
     /// What was found rather than given.
     pub freed: Freedom,
-    /// Whether these optics stay in the adjustment of all cameras, which contradict what this camera's own views tell.
+    /// Whether these optics, from the camera's own views, are kept although the adjustment of all cameras contradicts them.
     pub contradicted: bool,
-    /// How well, by this camera's views alone, with the noise as it was found.
+    /// Their standard deviations from this camera's views alone, with the estimated noise.
     pub sigma: OpticsSigma,
-    /// What was asked for and is left as given.
+    /// Parameters that were to be found and stay as given.
     pub refused: Vec<Refused>,
     /// Pictures in which it saw the board.
     pub views: usize,
@@ -145,7 +145,7 @@ impl BoardPose {
     }
 }
 
-/// How well what was held out is foretold.
+/// How well held-out observations are predicted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HoldOut {
     /// Median distance [px].
@@ -154,11 +154,11 @@ pub struct HoldOut {
     pub rms_px: f64,
     /// How many marks.
     pub marks: usize,
-    /// Whether whole frames were held out, each mark being foretold from the other cameras; marks of frames in use otherwise.
+    /// Whether whole frames were held out, each mark being predicted from the other cameras; otherwise marks of frames in use.
     pub frames: bool,
 }
 
-/// A room that was solved from a board, and what is worth knowing beside it.
+/// A camera network calibrated from a board, with details of the solution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardSolution {
     /// Cameras, marks and observations, in metres of the board.
@@ -173,17 +173,17 @@ pub struct BoardSolution {
     pub median_px: f64,
     /// What was held out, if that is anything.
     pub hold_out: Option<HoldOut>,
-    /// Cameras that could as well stand elsewhere: the board looks alike from there (turned, or mirrored from afar), and no frame decides.
+    /// Cameras with two possible poses: the board looks the same from both (turned, or mirrored from afar), and no frame decides.
     pub ambiguous: Vec<usize>,
-    /// Spots without a number, with one that is not on the board, with one that is twice in a picture, or with coordinates that are none.
+    /// Unusable spots: without a number, with one that is not on the board or twice in a picture, or with coordinates that are not finite.
     pub unusable_spots: usize,
-    /// Pictures whose marks do not lie as on this board.
+    /// Pictures whose marks do not fit this board.
     pub misfit_views: usize,
-    /// The board is longer one way than it is said to be, as it seems.
+    /// Set where the board seems to be stretched in one direction.
     pub stretch: Option<Stretch>,
 }
 
-/// A board whose marks are farther apart one way than they are said to be.
+/// A board that is stretched in one direction, as printers do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
     /// By how much its rows are longer than they should be beside its columns; below 0, shorter [–].
@@ -198,17 +198,17 @@ impl std::fmt::Display for Stretch {
         let which = if by > 0.0 { "longer" } else { "shorter" };
         write!(
             f,
-            "squares of the board seem {:.1} % {which} along its rows than along its columns, expected as long ({said:.2} px rms as stated, {stretched:.2} px so): lengths of the calibration are off by as much. Measure the print both \
-             ways, over many squares; pixels that are not square look like that, too, where the board is always held the same way",
+            "squares of the board seem {:.1} % {which} along its rows than along its columns, expected the same length ({said:.2} px rms as stated, {stretched:.2} px stretched): lengths of the calibration are off by as much. Measure the print in \
+             both directions, over many squares; pixels that are not square look the same where the board is always held the same way",
             100.0 * by.abs()
         )
     }
 }
 
-/// Why there is no answer at all.
+/// Why nothing could be calibrated from the board.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BoardError {
-    /// A board that cannot be.
+    /// A board of impossible size.
     #[error("a board of {found}, expected {expected}")]
     BadBoard {
         /// What was given.
@@ -216,32 +216,32 @@ pub enum BoardError {
         /// What would do.
         expected: &'static str,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected {expected}")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option outside its range.
+    #[error("{option} is {found}, expected {expected}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// The value that was found.
         found: f64,
         /// What would do.
         expected: &'static str,
     },
-    /// A camera with a number that is none.
+    /// A camera with a parameter that is not finite.
     #[error("camera `{camera}`: {fault}")]
     BadCamera {
-        /// Its name.
+        /// Name of the camera.
         camera: String,
         /// What is wrong.
         fault: foveate_geometry::CameraError,
     },
-    /// A look of a camera that does not exist.
+    /// A picture of a camera that does not exist.
     #[error("camera frame {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
         /// Which look.
         camera_frame: usize,
         /// Its camera.
         camera: usize,
-        /// How many there are.
+        /// Number of cameras.
         cameras: usize,
     },
     /// No picture shows the board.
@@ -258,21 +258,21 @@ pub enum BoardError {
         /// Spots that were of no use.
         unusable: usize,
     },
-    /// What is seen is another board.
+    /// The pictures show another board.
     #[error(
         "in {misfit} of {views} views the marks do not lie as on the {board}: is it of that size, and are its rows and columns right?"
     )]
     OtherBoard {
         /// Views that do not fit.
         misfit: usize,
-        /// All.
+        /// Number of all views.
         views: usize,
         /// The board.
         board: String,
     },
-    /// No camera saw the board tilted, so that nothing tells its focal length, and with the guessed ones no pose fits.
+    /// No camera saw the board tilted, so focal lengths are undetermined, and with the guessed ones no pose fits.
     #[error(
-        "the {board} was never tilted by more than {:.0} degrees against the picture, and nothing else tells a focal length from a distance: tilt it by 20 to 45 degrees, in each picture to another side, or state \
+        "the {board} was never tilted by more than {:.0} degrees against the picture, so focal length and distance cannot be separated: tilt it by 20 to 45 degrees, to another side in each picture, or state \
          `focal_px` in the calibration",
         tilt_rad.to_degrees()
     )]

@@ -23,9 +23,9 @@ const AROUND: usize = 16;
 /// The label of the middle of a board that may have been read either way round.
 const MIDDLE: u32 = 0;
 
-/// Why the clocks of cameras that saw a board are not known.
+/// Why the clocks of unsynchronised cameras that saw a board could not be found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoBoardClocks {
+pub enum BoardClocksError {
     /// The board cannot be calibrated with, whatever the clocks.
     #[error(transparent)]
     Board(#[from] BoardError),
@@ -37,13 +37,13 @@ pub enum NoBoardClocks {
 /// The recording of a moving board at moments that all cameras share. Clocks of constant offset only: [`ClockOptions::max_drift`] is taken as 0.
 ///
 /// # Errors
-/// See [`NoBoardClocks`].
+/// See [`BoardClocksError`].
 pub fn board_on_one_clock(
     recording: &Recording,
     board: &Board,
     options: &BoardOptions,
     clock_options: &ClockOptions,
-) -> Result<OneClock, NoBoardClocks> {
+) -> Result<OneClock, BoardClocksError> {
     check(recording, options)?;
     let clock_options = ClockOptions { max_drift: 0.0, ..*clock_options };
     let found = synchronise(&paths(recording, board, options, &clock_options)?, &clock_options)?;

@@ -1,4 +1,4 @@
-//! Which looks show the board, and in which frames.
+//! Which pictures show the board, and in which frames.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub(super) fn check(recording: &Recording, options: &BoardOptions) -> Result<(),
         ("max_focal_sigma", options.max_focal_sigma),
         ("max_corner_px", options.max_corner_px),
     ];
-    if let Some((rule, found)) = above.into_iter().find(|it| !(it.1.is_finite() && it.1 > 0.0)) {
-        return Err(BoardError::BadRule { rule, found, expected: "a finite number above 0" });
+    if let Some((option, found)) = above.into_iter().find(|it| !(it.1.is_finite() && it.1 > 0.0)) {
+        return Err(BoardError::BadOption { option, found, expected: "a finite number above 0" });
     }
     let least = [
         ("frame_tolerance_s", options.frame_tolerance_s, 0.0),
@@ -29,8 +29,8 @@ pub(super) fn check(recording: &Recording, options: &BoardOptions) -> Result<(),
         ("min_views", options.min_views as f64, 1.0),
         ("min_marks", options.min_marks as f64, 4.0),
     ];
-    if let Some((rule, found, _)) = least.into_iter().find(|it| !(it.1.is_finite() && it.1 >= it.2)) {
-        return Err(BoardError::BadRule { rule, found, expected: "at least 0, 1 view and 4 marks" });
+    if let Some((option, found, _)) = least.into_iter().find(|it| !(it.1.is_finite() && it.1 >= it.2)) {
+        return Err(BoardError::BadOption { option, found, expected: "at least 0, 1 view and 4 marks" });
     }
     for guess in &recording.cameras {
         guess.camera.check().map_err(|fault| BoardError::BadCamera { camera: guess.name.clone(), fault })?;

@@ -1,4 +1,4 @@
-//! What can be said of one camera: depth, coverage, covariance, and where to wave.
+//! Checks of one camera: depth, coverage, covariance, and where to wave.
 
 use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::self_calibration::CameraStatus;
@@ -9,24 +9,24 @@ use super::network::Room;
 use super::{CheckOptions, Judgement, Level};
 use crate::solved::ObservationRole;
 
-/// What can be said of one camera.
+/// The checks of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraCheck {
     /// Level and sentence.
     pub judgement: Judgement,
-    /// Its name.
+    /// Name of the camera.
     pub name: String,
     /// Whether its pose was found.
     pub calibrated: bool,
-    /// Its observations: in use, held out, rejected [–].
+    /// Numbers of its observations: in use, held out, rejected [–].
     pub observations: [usize; 3],
     /// How far away the light was; `None` without a point.
     pub depth: Option<DepthRange>,
     /// Its residuals over its picture; `None` without any.
     pub residuals: Option<ResidualMap>,
-    /// How well its pose is known; `None` where no covariance is stated.
+    /// Uncertainty of its pose; `None` where there is no covariance.
     pub pose: Option<PoseQuality>,
-    /// Where more of the light would help most, if anywhere: `upper left of its picture`.
+    /// Where more of the light would help most, if anywhere, such as `upper left of its picture`.
     pub wave: Option<String>,
 }
 
@@ -43,7 +43,7 @@ pub struct DepthRange {
     pub ratio: f64,
 }
 
-/// How well the pose of a camera is known.
+/// Uncertainty of the pose of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseQuality {
     /// Standard deviation of the centre along its weakest direction [m or units].
@@ -62,7 +62,7 @@ pub struct PoseQuality {
 const EMPTY: f64 = 0.15;
 /// With so many of the nine empty, a camera saw the light hardly anywhere.
 pub(super) const ALMOST_ALL: usize = 6;
-/// Observations held out are told of from here on, in the median [px].
+/// Held-out observations are reported from this median on [px].
 const CONTRADICTED_PX: f64 = 1.0;
 /// Focal lengths known to this part are good, and usable [–].
 const FOCAL_SIGMA: [f64; 2] = [0.01, 0.05];
@@ -137,7 +137,7 @@ fn wave(network: &Room<'_>, camera: usize, depth: Option<&DepthRange>) -> Option
         [] => {
             let depth = depth.filter(|it| it.ratio < network.options.depth_ratio)?;
             Some(format!(
-                "nearer to it and farther away (all was {:.1} to {:.1} {} away)",
+                "nearer to it and farther away (so far {:.1} to {:.1} {} away)",
                 depth.nearest,
                 depth.farthest,
                 network.unit()
@@ -160,7 +160,10 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     let place = check.wave.clone().unwrap_or_else(|| "in front of it, near and far".to_owned());
     let wave = format!("wave {place}");
     let Some(pose) = &check.pose else {
-        return Judgement::new(Level::Redo, format!("What was seen leaves the pose of camera {name} open: {wave}."));
+        return Judgement::new(
+            Level::Redo,
+            format!("The observations do not determine the pose of camera {name}: {wave}."),
+        );
     };
     let options = network.options;
     let by_centre = CheckOptions::level(pose.relative, options.centre_sigma);
@@ -175,9 +178,9 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
     if level > Level::Good {
         let centre = length(pose.centre_sigma, network.unit());
         let sentence = if level == by_focal && pose.focal_sigma > 0.0 {
-            format!("The focal length of camera {name} is known to {:.1} % only: {wave}.", 100.0 * pose.focal_sigma)
+            format!("The focal length of camera {name} is known only to {:.1} %: {wave}.", 100.0 * pose.focal_sigma)
         } else if level > Level::Good && by_centre.max(by_turn) == level {
-            format!("Camera {name} is known to {centre} and {:.1} mrad only: {wave}.", 1e3 * pose.turn_sigma)
+            format!("Camera {name} is known only to {centre} and {:.1} mrad: {wave}.", 1e3 * pose.turn_sigma)
         } else {
             let ratio = check.depth.map_or(f64::NAN, |it| it.ratio);
             format!(
@@ -190,7 +193,7 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
         network.solved.cameras[camera].clock.is_some_and(|it| it.pairs == 1) && network.calibrated().count() > 2;
     if unconfirmed {
         let sentence = format!(
-            "The clock of camera {name} was found beside a single other, which no third confirms: look for clocks that are further apart, or wave where it and two others see."
+            "The clock of camera {name} was found from one other camera alone, and no third confirms it: allow clocks that are further apart, or wave where it and two others see."
         );
         return Judgement::new(Level::Usable, sentence);
     }
@@ -199,8 +202,8 @@ fn judge(network: &Room<'_>, camera: usize, check: &CameraCheck) -> Judgement {
             let what = match pattern {
                 Pattern::Shifted => "all point one way: its principal point is off, or it moved",
                 Pattern::Scaled => "grow from the middle: its focal length is off",
-                Pattern::Rolled => "turn about the middle: it rolled during the recording",
-                Pattern::Distorted => "grow fast towards the corners: let its lens be found",
+                Pattern::Rolled => "rotate about the middle: it rolled during the recording",
+                Pattern::Distorted => "grow fast towards the corners: have its lens distortion found",
                 Pattern::Other => "have a pattern: check its lens and mount",
             };
             Judgement::new(Level::Usable, format!("Residuals of camera {name} ({px:.2} px) {what}."))
@@ -223,7 +226,7 @@ fn contradicted(network: &Room<'_>, camera: usize) -> Option<Judgement> {
         Judgement::new(
             level,
             format!(
-                "What camera {name} saw is {used:.2} px off where it is in use, {held:.2} px where it was held out, and {n_rejected} observations contradict it: its picture is not that of its model (a keystone correction, a zoom, another size of picture, a lens of another kind), or it moved."
+                "Observations of camera {name} are {used:.2} px off where they are used and {held:.2} px where they were held out, and {n_rejected} contradict it: its picture differs from its camera model (a keystone correction, a zoom, another picture size, another kind of lens), or it moved."
             ),
         )
     })
@@ -246,7 +249,7 @@ fn uncalibrated(network: &Room<'_>, camera: usize, status: &CameraStatus) -> Str
             format!("Camera {name} saw the light in {frames} frames, {needed} are needed: wave longer in front of it.")
         }
         CameraStatus::LightStill { .. } => {
-            format!("Before camera {name} the light stays in place or on a line: wave it all over its picture.")
+            format!("In camera {name} the light stays in place or on a line: wave it all over its picture.")
         }
         CameraStatus::NoPartner { best: Some(best), common, needed } => {
             format!("Camera {name} shares {common} frames with {}, {needed} are needed: wave where both see.", of(best))
@@ -258,9 +261,9 @@ fn uncalibrated(network: &Room<'_>, camera: usize, status: &CameraStatus) -> Str
         CameraStatus::Inconsistent { best, common, .. } if *common < network.options.min_common && *best != camera => {
             let partners: Vec<&str> = network.partners(camera).into_iter().take(4).map(|it| network.name(it)).collect();
             let with = match partners[..] {
-                [] => "together with no other".to_owned(),
+                [] => "together with no other camera".to_owned(),
                 _ => match partners.len() {
-                    1 => format!("together with {} alone", partners[0]),
+                    1 => format!("together with {} only", partners[0]),
                     _ => format!("together with {}, but hardly with two of them at once", partners.join(", ")),
                 },
             };
@@ -271,13 +274,16 @@ fn uncalibrated(network: &Room<'_>, camera: usize, status: &CameraStatus) -> Str
             of(best)
         ),
         CameraStatus::ClockOpen { best } => {
-            let beside = best.as_ref().map_or(String::new(), |it| format!(" beside that of {}", of(it)));
+            let beside = best.as_ref().map_or(String::new(), |it| format!(" relative to that of {}", of(it)));
             format!(
-                "The clock of camera {name} could not be found{beside}: look for clocks that are further apart, and wave where it and others see."
+                "The clock of camera {name} could not be found{beside}: allow clocks that are further apart, and wave where it and others see."
             )
         }
         CameraStatus::NoDepth { best } => {
-            format!("Camera {name} stands where {} stands, or the light was too far away: wave nearer to it.", of(best))
+            format!(
+                "Camera {name} is at the same place as {}, or the light was too far away: wave nearer to it.",
+                of(best)
+            )
         }
         CameraStatus::Separate { group } => {
             let others: Vec<&str> = group.iter().map(of).filter(|it| it != &name).take(4).collect();
@@ -286,7 +292,9 @@ fn uncalibrated(network: &Room<'_>, camera: usize, status: &CameraStatus) -> Str
         }
         CameraStatus::FocalOpen { sigma } => {
             let known = if sigma.is_finite() { format!(" ({:.1} %)", 100.0 * sigma) } else { String::new() };
-            format!("The focal length of camera {name} cannot be told{known}: wave nearer to it and farther away.")
+            format!(
+                "The focal length of camera {name} cannot be determined{known}: wave nearer to it and farther away."
+            )
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Cameras that contradict the rest, and what about them is wrong.
+//! Cameras that contradict the rest, and what is wrong with them.
 //!
-//! A camera is judged by its own observations beside the points that the others alone make of the light, with a pose fitted to these: so it
+//! A camera is judged by its own observations against points intersected from the other cameras alone, with a pose fitted to these: so it
 //! cannot pull the points towards itself. Of the cameras that fit badly, the one without which the rest agrees best is the candidate;
 //! the room is adjusted without it and the search goes on. The cause is the one that lowers the candidate's robust cost most.
 
@@ -19,14 +19,14 @@ use crate::cause::Cause;
 use crate::solved::ObservationRole;
 use crate::stretches::{steadiness, steady_enough};
 
-/// A camera that contradicts the rest.
+/// A camera that contradicts the rest, with the most likely cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// Level and sentence.
     pub judgement: Judgement,
-    /// Which.
+    /// Index of the camera.
     pub camera: usize,
-    /// What explains most.
+    /// The cause that explains most.
     pub cause: Cause,
     /// Robust cost of its observations beside the others' points, over that of the median camera; infinite where no pose was found [–].
     pub misfit: f64,
@@ -58,7 +58,7 @@ const NO_POSE: f64 = 0.8;
 const LESS_FAR: f64 = 0.5;
 /// Focal lengths are off by no larger a factor, nor by its inverse.
 const FOCAL_FACTOR: f64 = 2.0;
-/// A smaller share of wrong observations that does no harm is what lamps and mirrors leave in any room, and is not told.
+/// A smaller share of harmless wrong observations is what lamps and mirrors leave in any room, and is not reported.
 const FEW_WRONG: f64 = 0.2;
 /// A camera with more wrong observations than right ones was calibrated by luck.
 const MOST_WRONG: f64 = 0.5;
@@ -85,9 +85,9 @@ struct Examined {
     far: f64,
 }
 
-/// In a mirrored world everybody contradicts everybody: there only those are told that saw too little.
+/// In a mirrored world all cameras contradict each other: there only cameras that saw too little are reported.
 pub(super) fn candidates(network: &Room<'_>, is_mirrored: bool) -> Vec<Candidate> {
-    let known = &network.solved.culprits;
+    let known = &network.solved.camera_faults;
     let mut found: Vec<Candidate> = known.iter().map(|it| culprit(network, it)).collect();
     // Cameras that are hardly known are not compared with each other.
     let is_held = network.calibrated().all(|it| camera::camera(network, it).judgement.level < Level::Redo);

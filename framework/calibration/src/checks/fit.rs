@@ -1,4 +1,4 @@
-//! Observations held out, and lengths that are known.
+//! Checks of held-out observations and of known lengths.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use super::{CheckOptions, Judgement, Level};
 use crate::solved::ObservationRole;
 use crate::words::signed;
 
-/// How observations fit from which the solution was made, and such as were held out.
+/// How well observations fit, those in use and those held out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// Level and sentence.
@@ -27,7 +27,7 @@ pub struct Fit {
     pub excess: Option<f64>,
     /// Share of the observations that contradict the rest [–].
     pub rejected: f64,
-    /// Share of what two calibrated cameras and more saw together that is at no place [–].
+    /// Share of common observations of two or more calibrated cameras that intersect nowhere [–].
     pub unsolved: f64,
     /// By camera: median of the observations in use and of those held out [px].
     pub by_camera: Vec<[Option<f64>; 2]>,
@@ -120,13 +120,13 @@ fn judge(
         )
     } else if by_unsolved == level {
         format!(
-            "{:.0} % of what two cameras saw together is at no place that both could have seen: optics that are not as stated (focal length, middle, lens), or pictures that do not belong together.",
+            "{:.0} % of common observations of two cameras intersect nowhere: wrong optics (focal length, principal point, lens), or pictures that do not belong together.",
             100.0 * unsolved
         )
     } else if by_excess == level {
         let times = excess.unwrap_or(f64::NAN);
         format!(
-            "{figures}, {times:.1} times what noise explains: the model does not hold; look at the cameras named here."
+            "{figures}, {times:.1} times what noise explains: the camera models do not hold; check the cameras named here."
         )
     } else {
         format!("{figures}: check focus, exposure and the size of the light in the pictures.")
@@ -134,7 +134,7 @@ fn judge(
     Judgement::new(level, sentence)
 }
 
-/// A known length as it came out at one place.
+/// The error of a known length at one place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LengthSample {
     /// Middle of the length, in the world [m].
@@ -144,13 +144,13 @@ pub struct LengthSample {
 }
 
 impl LengthSample {
-    /// Of a length that came out as `found` where it is `known`, in any unit.
+    /// The error of a length measured as `found` where it is `known`, in any unit.
     pub fn new(at: Point3<f64>, found: f64, known: f64) -> Self {
         Self { at, relative_error: found / known - 1.0 }
     }
 }
 
-/// How a known length came out.
+/// Errors of a known length over the room.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lengths {
     /// Level and sentence.
@@ -188,7 +188,7 @@ pub(super) fn lengths(samples: &[LengthSample], options: &CheckOptions) -> Optio
     let slope = slopes[slope_axis];
     let level = CheckOptions::level(spread.max(bias.abs()).max(slope.abs() / 3.0), options.length_spread);
     let figures = format!(
-        "The known length comes out with a spread of {:.2} % and a bias of {} %",
+        "The known length is reproduced with a spread of {:.2} % and a bias of {} %",
         100.0 * spread,
         signed(100.0 * bias, 2)
     );
@@ -197,7 +197,7 @@ pub(super) fn lengths(samples: &[LengthSample], options: &CheckOptions) -> Optio
     } else {
         let axis = ["X", "Y", "Z"][slope_axis];
         format!(
-            "{figures}, changing by {} % along {axis}: wave the wand through the whole volume, turned every way.",
+            "{figures}, changing by {} % along {axis}: wave the wand through the whole volume, in all orientations.",
             signed(100.0 * slope, 2)
         )
     };

@@ -1,4 +1,4 @@
-//! Who sees the light together with whom.
+//! The view graph: which cameras see the light together.
 
 use super::network::Room;
 use super::{Judgement, Level};
@@ -66,17 +66,18 @@ fn judge(network: &Room<'_>, groups: &[Vec<usize>], cuts: &[usize], hanging: &[(
     } else if let Some(&(camera, other)) = hanging.first() {
         let (name, other) = (network.name(camera), network.name(other));
         let sentence =
-            format!("Camera {name} is linked with {other} alone: wave where {name} and a third camera both see.");
+            format!("Camera {name} is linked only with {other}: wave where {name} and a third camera both see.");
         Judgement::new(Level::Usable, sentence)
     } else if let Some(&cut) = cuts.first() {
         let name = network.name(cut);
-        let sentence =
-            format!("Two parts of the room hang together by camera {name} alone: wave where cameras of both see.");
+        let sentence = format!(
+            "Two parts of the camera network are linked only through camera {name}: wave where cameras of both see."
+        );
         Judgement::new(Level::Usable, sentence)
     } else {
         Judgement::new(
             Level::Good,
-            format!("All cameras hang together by more than one other, with {min} frames or more."),
+            format!("Every camera is linked to at least two others, with {min} common frames or more."),
         )
     }
 }

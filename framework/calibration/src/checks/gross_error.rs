@@ -1,24 +1,24 @@
-//! What is said of a camera that contradicts the rest.
+//! Messages about cameras that contradict the rest.
 
 use super::candidates::Candidate;
 use super::network::{Room, is_calibrated};
 use super::{Judgement, Level};
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 
-/// Wrong observations that were left out, told without blame.
+/// Wrong observations that were left out, reported as harmless.
 pub(super) fn harmless(network: &Room<'_>, camera: usize, share: f64) -> Judgement {
     let (percent, name) = (100.0 * share, network.name(camera));
     Judgement::new(
         Level::Good,
         format!(
-            "{percent:.0} % of what camera {name} saw was not the light and was left out: it did no harm; masking lamps and mirrors avoids it."
+            "{percent:.0} % of the observations of camera {name} were not the light and were left out, without harm; mask lamps and mirrors to avoid them."
         ),
     )
 }
 
 /// What is said of a camera that was found to be at fault before the room was solved without it.
-pub(super) fn culprit(network: &Room<'_>, culprit: &Culprit) -> Candidate {
-    let Culprit { camera, cause, shares } = *culprit;
+pub(super) fn culprit(network: &Room<'_>, culprit: &CameraFault) -> Candidate {
+    let CameraFault { camera, cause, shares } = *culprit;
     let mut told = candidate(network, camera, cause, f64::INFINITY, 1.0);
     if let Cause::FalseObservations { share } = cause {
         // Its right observations are enough, and hold it as well as the others are held.
@@ -50,7 +50,7 @@ pub(super) fn candidate(network: &Room<'_>, camera: usize, cause: Cause, misfit:
         Cause::Moved { at_s: None, shift_px, turn, .. } => (
             Level::Usable,
             format!(
-                "Camera {name} was moved since the older calibration ({shift_px:.1} px, {:.1} mrad): it stands where it is now found.",
+                "Camera {name} was moved since the older calibration ({shift_px:.1} px, {:.1} mrad): its new pose is used.",
                 1e3 * turn
             ),
         ),
@@ -60,38 +60,36 @@ pub(super) fn candidate(network: &Room<'_>, camera: usize, cause: Cause, misfit:
             (
                 Level::Redo,
                 format!(
-                    "Camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."
+                    "The clock of camera {name} is {by} {which}: synchronise it, or have each camera's clock found from the path of the light."
                 ),
             )
         }
         Cause::Focal { factor } => (
             grave,
             format!(
-                "The focal length of camera {name} is off by {:+.1} %: let focal lengths be found, or check lens and zoom.",
+                "The focal length of camera {name} is off by {:+.1} %: have focal lengths found, or check lens and zoom.",
                 100.0 * (factor - 1.0)
             ),
         ),
         Cause::Distortion { k1 } => (
             grave,
-            format!(
-                "The lens of camera {name} distorts otherwise than its model (k1 {k1:+.3}): let its lens be found."
-            ),
+            format!("The lens of camera {name} differs from its model (k1 {k1:+.3}): have its lens distortion found."),
         ),
         Cause::PixelShape { factor } => (
             grave,
             format!(
-                "The pixels of camera {name} are not as stated: height over width of its focal length is {:+.1} % off; state pixel_aspect, or check how its picture is scaled.",
+                "The pixel aspect of camera {name} is {:+.1} % off: state pixel_aspect, or check how its picture is scaled.",
                 100.0 * (factor - 1.0)
             ),
         ),
         Cause::Swapped { with, since_s } => {
             let (first, second) = (network.name(camera.min(with)), network.name(camera.max(with)));
             let since = since_s.map_or(String::new(), |it| format!(" since {it:.1} s"));
-            let solved = since_s.map_or("", |_| " (the room was solved with their rows put right)");
+            let solved = since_s.map_or("", |_| " (the calibration was solved with their rows corrected)");
             (
                 Level::Redo,
                 format!(
-                    "Cameras {first} and {second} are swapped{since}: exchange their names or cables, and record again{solved}."
+                    "Cameras {first} and {second} are swapped{since}: swap their names or cables, and record again{solved}."
                 ),
             )
         }
@@ -100,12 +98,12 @@ pub(super) fn candidate(network: &Room<'_>, camera: usize, cause: Cause, misfit:
         }
         Cause::UpsideDown => (
             Level::Redo,
-            format!("The picture of camera {name} is upside down: turn the camera or its picture by half."),
+            format!("The picture of camera {name} is upside down: rotate the camera or its picture by 180 degrees."),
         ),
         Cause::FalseObservations { share } => (
             Level::Usable,
             format!(
-                "{:.0} % of what camera {name} saw is not the light: mask lamps and mirrors in its picture.",
+                "{:.0} % of the observations of camera {name} are not the light: mask lamps and mirrors in its picture.",
                 100.0 * share
             ),
         ),
@@ -117,7 +115,7 @@ pub(super) fn candidate(network: &Room<'_>, camera: usize, cause: Cause, misfit:
         Cause::Unknown { size } if !misfit.is_finite() => (
             Level::Redo,
             format!(
-                "No pose explains {:.0} % of what camera {name} saw: check its lens, its mount, its clock and which camera's picture it is.",
+                "No pose explains {:.0} % of the observations of camera {name}: check its lens, mount and clock, and that the pictures are its own.",
                 100.0 * size
             ),
         ),

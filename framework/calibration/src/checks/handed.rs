@@ -55,13 +55,13 @@ pub(super) fn handedness(network: &Room<'_>) -> Handedness {
     let judgement = if behind * 2 > in_use().count() {
         Judgement::new(
             Level::Redo,
-            "The light is behind the cameras: the world is mirrored; record again, with more depth.",
+            "The light is behind the cameras: the solution is mirrored; record again, with more depth.",
         )
     } else if room_level == Level::Redo {
         let ratio = reversed_ratio.unwrap_or(f64::NAN);
         let which = if ratio < 1.0 { "better than" } else { "nearly as well as" };
         let sentence = format!(
-            "The mirrored world fits {which} this one ({ratio:.2} times its residuals): wave with more depth, nearer to the cameras, and calibrate again."
+            "The mirrored solution fits {which} this one ({ratio:.2} times its residuals): wave with more depth, nearer to the cameras, and calibrate again."
         );
         Judgement::new(Level::Redo, sentence)
     } else if let Some((camera, ratio)) = closest_camera.filter(|_| camera_level == Level::Redo) {
@@ -77,12 +77,12 @@ pub(super) fn handedness(network: &Room<'_>) -> Handedness {
         };
         Judgement::new(Level::Redo, sentence)
     } else if room_level.max(camera_level) == Level::Usable {
-        let camera = closest_camera
-            .map_or(String::new(), |it| format!(", most of all in front of camera {}", network.name(it.0)));
-        let sentence = format!("The mirrored world is told apart by little: wave with more depth{camera}.");
+        let camera =
+            closest_camera.map_or(String::new(), |it| format!(", above all in front of camera {}", network.name(it.0)));
+        let sentence = format!("The mirrored solution fits only a little worse: wave with more depth{camera}.");
         Judgement::new(Level::Usable, sentence)
     } else {
-        Judgement::new(Level::Good, "The mirrored world fits worse.")
+        Judgement::new(Level::Good, "The mirrored solution fits clearly worse.")
     };
     Handedness { judgement, behind, reversed_ratio, closest_camera }
 }

@@ -1,21 +1,21 @@
-//! What re-projection cannot see, and a verdict in words.
+//! Checks of a calibration that a low re-projection error does not replace, and a verdict in words.
 //!
-//! A calibration can fit its pixels to a third of a pixel and still be of another world: a planar path has a mirrored twin, a camera that
-//! was bumped half-way agrees with itself on average, a focal length trades against depth. [`check`] looks for each of these in turn:
+//! A calibration can fit its pixels to a third of a pixel and still be wrong: a planar path has a mirrored twin, a camera that
+//! was bumped half-way agrees with itself on average, a focal length trades against depth. [`check`] tests each of these in turn:
 //!
 //! | part | what it looks at |
 //! |---|---|
-//! | [`Fit`] | observations held out, and how far off they should be from pixel noise alone |
-//! | [`Lengths`] | how a known length comes out all over the room |
-//! | [`Handedness`] | points behind cameras, and the reversed world (D. Necker's cube): does it fit nearly as well? |
-//! | [`Floor`] | cameras and path under a floor that is fixed |
+//! | [`Fit`] | residuals of held-out observations, compared with pixel noise |
+//! | [`Lengths`] | errors of a known length over the room |
+//! | [`Handedness`] | points behind cameras, and whether the reversed solution (D. Necker's cube) fits nearly as well |
+//! | [`Floor`] | cameras and path below the floor |
 //! | [`PathShape`] | how flat the path is |
-//! | [`Links`] | cameras that hang on a single other one |
-//! | [`CameraCheck`] | for each: depth, residuals over its picture, covariance of its pose, where to wave |
+//! | [`Links`] | cameras that are linked to only one other |
+//! | [`CameraCheck`] | for each camera: depth, residuals over its picture, covariance of its pose, where to wave |
 //! | [`Candidate`] | a camera that contradicts the rest, with the cause that explains most |
 //!
-//! Candidates are found one after the other: the worst is taken out, the room is adjusted without it, and the rest is looked at again,
-//! so that nobody is accused for what a neighbour did.
+//! Candidates are found one after the other: the worst is taken out, the network is adjusted without it, and the rest is checked again,
+//! so that no camera is diagnosed for the fault of another.
 
 mod camera;
 mod candidates;
@@ -50,13 +50,13 @@ pub enum Level {
     /// Nothing to be done.
     #[default]
     Good,
-    /// It works; what can be bettered is said.
+    /// Usable; the sentence says what could be better.
     Usable,
-    /// What comes out cannot be relied upon.
+    /// The calibration cannot be relied upon.
     Redo,
 }
 
-/// A level, and one sentence for a person that says why and what to do.
+/// The level of one check, and one sentence that says why and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Judgement {
     /// How good it is.
@@ -71,36 +71,36 @@ impl Judgement {
     }
 }
 
-/// What [`check`] found. `Display` gives it as plain text.
+/// All results of [`check`]. `Display` gives them as plain text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checks {
     /// The unit of all lengths here: `m`, or `units` while nothing fixes the scale.
     pub unit: &'static str,
     /// Standard deviation of a pixel's coordinate, from the residuals of the whole room [px].
     pub sigma_px: f64,
-    /// Observations held out.
+    /// Residuals of used and held-out observations.
     pub fit: Fit,
     /// The known length, where one was given.
     pub lengths: Option<Lengths>,
     /// Whether the world is mirrored.
     pub handedness: Handedness,
-    /// What is under the floor.
+    /// Cameras and path below the floor.
     pub floor: Floor,
     /// The path of the light.
     pub path: PathShape,
-    /// Who sees the light together with whom.
+    /// The view graph: which cameras see the light together.
     pub links: Links,
     /// By camera, in the order of the room.
     pub cameras: Vec<CameraCheck>,
     /// Cameras that contradict the rest, the worst first.
     pub candidates: Vec<Candidate>,
-    /// All of it in words.
+    /// The summary in words.
     pub verdict: Verdict,
 }
 
 impl Checks {
-    /// Adds what an older calibration of the same cameras tells of a room that was found without it: all pictures are mirrored, or two cameras have
-    /// each other's names. `beside` is what a comparison with it came to.
+    /// Adds findings from comparison with an older calibration of the same cameras: all pictures are mirrored, or two cameras have
+    /// swapped names. `beside` is the result of the comparison.
     pub fn add_beside_older(&mut self, beside: &Comparison, options: &CheckOptions) {
         let numbers = |name: &String| self.cameras.iter().position(|it| it.name == *name);
         let told = |camera: usize, cause: Cause, sentence: &str| {
@@ -109,12 +109,12 @@ impl Checks {
         };
         let mut found = Vec::new();
         if beside.is_mirrored() {
-            let sentence = "The room is the mirror image of the older calibration: the pictures of all cameras are mirrored, left to right or top to bottom, or were when that was made; record them as they are.";
+            let sentence = "The calibration is the mirror image of the older one: the pictures of all cameras are mirrored, left to right or top to bottom, or were for the older one; record them unmirrored.";
             found.extend(beside.names().iter().filter_map(numbers).map(|it| told(it, Cause::Mirrored, sentence)));
         }
         if let Some([first, second]) = beside.exchanged() {
             let sentence = format!(
-                "Cameras {first} and {second} stand in each other's places beside the older calibration: exchange their names or cables."
+                "Cameras {first} and {second} are swapped relative to the older calibration: swap their names or cables."
             );
             let both = numbers(first).zip(numbers(second));
             let swapped = |(camera, with)| told(camera, Cause::Swapped { with, since_s: None }, &sentence);
@@ -128,9 +128,9 @@ impl Checks {
     }
 }
 
-/// Looks at `solved`, and at the known length of `lengths` where there is one, for what a low re-projection error hides.
+/// Checks the calibration `solved`, with samples of a known length where there are any, for errors that a low re-projection error hides.
 ///
-/// The same input gives the same answer; nothing is random that is not seeded by [`CheckOptions::seed`].
+/// Deterministic: random draws are seeded by [`CheckOptions::seed`].
 pub fn check(solved: &Solved, lengths: Option<&[LengthSample]>, options: &CheckOptions) -> Checks {
     let network = network::Room::new(solved, options);
     let fit = fit::fit(&network);

@@ -66,7 +66,7 @@ pub(crate) struct Witnessed {
     pub pixel: Point2<f64>,
     /// By the others.
     pub point: Point3<f64>,
-    /// Of that.
+    /// Covariance of that place.
     pub covariance: Matrix3<f64>,
     pub velocity: Option<Vector3<f64>>,
 }

@@ -17,7 +17,7 @@ use crate::solved::{ObservationRole, Solved, SolvedCamera};
 pub(super) const MEDIAN_CHI2: f64 = 1.386_294;
 /// No detector is better; keeps perfect data from being divided by nothing [px].
 const LEAST_SIGMA_PX: f64 = 0.02;
-/// Points whose own observations disagree by more than this many standard deviations are nobody's witness.
+/// Points whose own observations disagree by more than this many standard deviations are not used for checks.
 const DISAGREEMENT: f64 = 4.0;
 /// Neighbours on the path further away than this give no velocity [s].
 const LONGEST_GAP_S: f64 = 0.25;

@@ -10,9 +10,9 @@ pub struct CheckOptions {
     /// Share of the observations that were rejected [–]. Reflections and lamps make up a third in dark rooms; with half, right and wrong are
     /// a matter of chance.
     pub rejected_share: [f64; 2],
-    /// Share of what two calibrated cameras and more saw together that is at no place [–]: it contradicts their optics or poses before anything is solved of it.
+    /// Share of common observations of two or more calibrated cameras that intersect nowhere [–]: they contradict the optics or poses.
     pub unsolved_share: [f64; 2],
-    /// Of a camera, the median of observations held out over that of those in use [–]; told from 1 px on.
+    /// Of a camera, the median residual of held-out observations over that of those in use [–]; reported from 1 px on.
     pub hold_out_ratio: [f64; 2],
     /// Standard deviation of a known length, relative [–]. Recordings of waved wands reach 0.3–0.9 %.
     pub length_spread: [f64; 2],
@@ -36,16 +36,16 @@ pub struct CheckOptions {
     pub few_observations: f64,
     /// Cells of a residual map along the longer side of the picture [–].
     pub map_cells: usize,
-    /// Errors up to this long are trifles: no camera is accused of them and no fit called bad, however little noise there is beside
-    /// them [px]. 0.1 px are 0.8 mm at 4 m with a focal length of 500 px; lens models and the light's own shape leave as much.
+    /// Errors up to this length are negligible: no camera is diagnosed for them and no fit called bad, however small the noise
+    /// [px]. 0.1 px are 0.8 mm at 4 m with a focal length of 500 px; lens models and the light's own shape leave as much.
     pub trifle_px: f64,
-    /// Length of a systematic residual from which on it is told, in standard deviations of a pixel [–]. Smaller ones do no harm.
+    /// Length from which a systematic residual is reported, in standard deviations of a pixel [–]. Smaller ones do no harm.
     pub pattern_sigma: f64,
     /// Robust cost of a camera's observations against the others' points, over that of the median camera, from which on it is a candidate [–].
     pub misfit: f64,
     /// What a cause must lower the robust cost by to be named [squared standard deviations]; chance rarely gives 30 in a hundred cameras.
     pub min_gain: f64,
-    /// Part of the cost that it must lower as well, lest large recordings accuse cameras of trifles [–].
+    /// Part of the cost that it must lower as well, so that large recordings do not diagnose negligible errors [–].
     pub min_gain_share: f64,
     /// Share of a camera's observations far from where the others have the light, more than the median camera's, from which on they are
     /// called wrong [–].
@@ -55,9 +55,9 @@ pub struct CheckOptions {
     pub least_effect_px: f64,
     /// An observation is far from where the others have the light when at least so far off [px].
     pub far_px: f64,
-    /// Candidates that are looked for at most [–].
+    /// Most candidates that are searched [–].
     pub max_candidates: usize,
-    /// Observations of a camera that are looked at when it is compared with the others; more are thinned out evenly [–].
+    /// Observations of a camera that are compared with the others; more are thinned out evenly [–].
     pub max_observations: usize,
     /// Sentences of the verdict at most [–].
     pub max_sentences: usize,

@@ -1,4 +1,4 @@
-//! Where things are: under the floor, or all in one plane.
+//! Checks of places: below the floor, or all in one plane.
 
 use foveate_estimation::statistics::percentile;
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
@@ -10,8 +10,8 @@ use crate::axes::KNOWN_PLACES;
 /// Cameras whose pictures' upward direction has on average less of Z than this stand on their heads [–].
 const ON_THEIR_HEADS: f64 = -0.3;
 
-/// What lies under the floor, which is Z = 0 where both vertical and origin are fixed, but for a frame of points of known place: its Z = 0 is
-/// where a person put it, and only cameras that stand on their heads beside that show a world upside down.
+/// What lies below the floor, the plane Z = 0 where both vertical and origin are fixed. Where these come from points of known place, Z = 0 need not be
+/// the floor, and only cameras that are upside down relative to it are reported.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Floor {
     /// Level and sentence.
@@ -29,7 +29,7 @@ pub struct Floor {
 pub(super) fn floor(network: &Room<'_>) -> Floor {
     let fixed = &network.solved.fixed;
     if fixed.gravity.is_none() || fixed.origin.is_none() {
-        let sentence = "Vertical or origin are not fixed: whether anything is under the floor cannot be told.";
+        let sentence = "Vertical or origin are not fixed: whether anything is below the floor is unknown.";
         return Floor { judgement: Judgement::new(Level::Good, sentence), ..Floor::default() };
     }
     let height = |camera: usize| network.solved.cameras[camera].camera.centre().z;
@@ -43,7 +43,7 @@ pub(super) fn floor(network: &Room<'_>) -> Floor {
         || 2 * cameras_below.len() > network.calibrated().count();
     let is_frame = fixed.origin.as_ref().is_some_and(|it| it.by.contains(KNOWN_PLACES));
     let judgement = if is_frame && !(most_is_below && are_on_their_heads(network)) {
-        let sentence = "Z = 0 is where the points of known place have it, be that the floor or not.";
+        let sentence = "Z = 0 is set by the points of known place, whether or not that is the floor.";
         return Floor {
             judgement: Judgement::new(Level::Good, sentence),
             lowest_camera_m,
@@ -52,11 +52,11 @@ pub(super) fn floor(network: &Room<'_>) -> Floor {
         };
     } else if most_is_below {
         let sentence =
-            "Most of the room is under the floor: the world is upside down or mirrored; fix the vertical again.";
+            "Most of the room is below the floor: the solution is upside down or mirrored; fix the vertical again.";
         Judgement::new(Level::Redo, sentence)
     } else if let Some(camera) = cameras_below.first() {
         let sentence = format!(
-            "Camera {} is {:.2} m under the floor: its pose is mirrored, or the origin is not on the floor; calibrate it again.",
+            "Camera {} is {:.2} m below the floor: its pose is mirrored, or the origin is not on the floor; calibrate it again.",
             network.name(*camera),
             -height(*camera)
         );
@@ -64,11 +64,11 @@ pub(super) fn floor(network: &Room<'_>) -> Floor {
     } else if path_is_below {
         let depth = -lowest_path_m.unwrap_or(0.0);
         let sentence = format!(
-            "The path goes {depth:.2} m under the floor: fix vertical and origin again with marks on the floor."
+            "The path goes {depth:.2} m below the floor: fix vertical and origin again with marks on the floor."
         );
         Judgement::new(Level::Usable, sentence)
     } else {
-        Judgement::new(Level::Good, "Nothing is under the floor.")
+        Judgement::new(Level::Good, "Nothing is below the floor.")
     };
     Floor { judgement, fixed: true, cameras_below, lowest_camera_m, lowest_path_m }
 }
@@ -110,7 +110,7 @@ pub(super) fn path(network: &Room<'_>) -> PathShape {
         it.freed.focal && sigma > HELD_FOCAL
     });
     let level = match CheckOptions::level(-flatness, [-good, -usable]) {
-        Level::Redo if !open => Level::Usable, // known optics need no third dimension; the mirrored twin is looked for elsewhere
+        Level::Redo if !open => Level::Usable, // known optics need no third dimension; the mirrored twin is checked elsewhere
         level => level,
     };
     let percent = 100.0 * flatness;

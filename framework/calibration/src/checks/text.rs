@@ -48,14 +48,14 @@ impl Display for Checks {
             if self.candidates[..index].iter().any(|it| it.judgement.sentence == candidate.judgement.sentence) {
                 continue;
             }
-            let name = if candidate.judgement.level == Level::Good { "told" } else { "candidate" };
+            let name = if candidate.judgement.level == Level::Good { "note" } else { "candidate" };
             writeln!(to, "{name:<11} {:<7} {}", candidate.judgement.level, candidate.judgement.sentence)?;
         }
         writeln!(to)?;
         let wide = self.cameras.iter().map(|it| it.name.chars().count()).max().unwrap_or(0).max(6);
         writeln!(
             to,
-            "{:<wide$}  level   used  held back  rejected  px used / back  depth far/near  centre ±      turn ±     pattern",
+            "{:<wide$}  level   used   held out  rejected   px used / out  depth far/near  centre ±      turn ±     pattern",
             "camera"
         )?;
         for (camera, medians) in self.cameras.iter().zip(&self.fit.by_camera) {

@@ -4,14 +4,14 @@ use super::camera::{length, weakest};
 use super::{Candidate, CheckOptions, Checks, Judgement, Level};
 use crate::cause::Cause;
 
-/// What to think of a calibration, and what to do.
+/// The summary of all checks: the level of a calibration, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Verdict {
     /// The worst of all levels.
     pub level: Level,
     /// What was found and what to do about it, the most important first.
     pub sentences: Vec<String>,
-    /// Findings beyond those sentences that want something done.
+    /// Number of further findings that need action.
     pub more: usize,
     /// The camera that is known least, relative to its distance from the light.
     pub weakest: Option<usize>,
@@ -47,7 +47,7 @@ pub(super) fn verdict(checks: &Checks, options: &CheckOptions) -> Verdict {
     let contradicting = checks.candidates.iter().filter(is_unexplained).count();
     if 2 * contradicting >= checks.cameras.len().max(1) {
         sentences.push(format!(
-            "{contradicting} of {} cameras contradict the rest: look at these first, then record again with nothing else shining in the room.",
+            "{contradicting} of {} cameras contradict the rest: check these first, then record again with no other light in the room.",
             checks.cameras.len()
         ));
     }
@@ -67,7 +67,7 @@ pub(super) fn verdict(checks: &Checks, options: &CheckOptions) -> Verdict {
         let known = check.pose.map_or(String::new(), |it| format!(" ({})", length(it.centre_sigma, checks.unit)));
         let place = check.wave.clone().unwrap_or_else(|| "more in front of it".to_owned());
         sentences.push(format!(
-            "Nothing has to be done; camera {} is known least{known}: to better it, wave {place}.",
+            "No action is needed; camera {} is the least certain{known}: to improve it, wave {place}.",
             check.name
         ));
     }

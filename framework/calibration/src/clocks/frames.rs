@@ -1,4 +1,4 @@
-//! Moments that cameras with clocks of their own share, and what each saw then.
+//! Common moments of cameras with clocks of their own, and each camera's observation at them.
 
 use foveate_geometry::self_calibration::LightObservation;
 use nalgebra::Vector2;
@@ -7,7 +7,7 @@ use super::track::{Track, brightest};
 use crate::recording::Recording;
 use crate::solved::ClockFit;
 
-/// How moments are chosen.
+/// Options of [`frames`]: how common moments are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameOptions {
     /// A picture taken this close to the moment is taken as it is, without interpolation [s].
@@ -24,7 +24,7 @@ impl Default for FrameOptions {
     }
 }
 
-/// Moments of the room's time and what was seen of one light then.
+/// Common moments in the network's time, and the observations of one light at them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Frames {
     /// By frame, ascending: the room's time [s].
@@ -34,7 +34,7 @@ pub struct Frames {
     /// By observation: how fast the pixel moves [px/s]; `None` where its neighbours lie on no smooth path, which none but a picture
     /// that was taken as it is can be.
     pub velocities: Vec<Option<Vector2<f64>>>,
-    /// By observation: the standard deviation of either coordinate, which makes up for observations that several frames share [px].
+    /// By observation: the standard deviation of either coordinate, enlarged for observations that several frames share [px].
     pub sigmas_px: Vec<f64>,
     /// By observation: the picture's place in the recording; `None` for a place between pictures.
     pub camera_frames: Vec<Option<usize>>,

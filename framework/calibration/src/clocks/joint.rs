@@ -1,4 +1,4 @@
-//! All clocks, poses and the path together: frames by the clocks so far, a room from them, its adjustment with clocks free, frames anew.
+//! Joint estimation of clocks, poses and path: frames by the clocks so far, a network from them, its adjustment with clocks free, then frames again.
 
 use foveate_estimation::Loss;
 use foveate_geometry::bundle::{
@@ -16,7 +16,7 @@ use super::{ClockError, ClockOptions};
 use crate::recording::Recording;
 use crate::stretches::stretches;
 
-/// Rooms made anew at most.
+/// Rounds of solving the network again, at most.
 const ROOMS: usize = 4;
 /// Adjustments of one room at most.
 const ROUNDS: usize = 12;
@@ -144,7 +144,7 @@ impl Room<'_> {
         furthest
     }
 
-    /// Adjusts, moves the clocks and looks pixels up anew until nothing moves; how far the last round moved a clock.
+    /// Adjusts, moves the clocks and interpolates pixels again until nothing moves; how far the last round moved a clock.
     fn settle(&mut self, status: &[CameraStatus]) -> Result<(Adjustment, f64), ClockError> {
         let mut previous = f64::INFINITY;
         for round in 0.. {

@@ -1,12 +1,12 @@
-//! Cameras that share no clock: how far theirs are apart, from the path of one light, before anything else is known.
+//! Clock offsets of unsynchronised cameras from the path of one light, before anything else is known.
 //!
-//! 1. Each camera's observations are held against their neighbours; those on a smooth path are kept, with where the light was between them and how fast.
+//! 1. Each camera's observations are compared with their neighbours; those on a smooth path are kept, with interpolated places and velocities.
 //! 2. Pairs of cameras are compared at every offset in the window, without poses, by whether one epipolar geometry explains them.
 //! 3. The offsets of all pairs are brought to agree; pairs that contradict the others are dropped.
 //! 4. Frames by these clocks give a room ([`self_calibrate`](foveate_geometry::self_calibration)), whose adjustment has the clocks free; frames are
-//!    made anew until clocks stand still. Its covariance says how well each is known.
+//!    rebuilt until the clocks converge. Its covariance gives the uncertainty of each clock.
 //!
-//! Offsets that the path does not tell are refused with the reason: a light at rest, one that repeats its path, or goes round evenly.
+//! Offsets that the path does not determine are refused with the reason: a light at rest, one that repeats its path, or one that moves evenly on a circle.
 //!
 //! Source of the problem and of the data it is measured on: J. Li, J. Murray, D. Ismaili, K. Schindler, C. Albl, "Reconstruction of 3D flight
 //! trajectories from ad-hoc camera networks", IROS 2020 (which needs offsets that are known to a second or so).
@@ -32,7 +32,7 @@ use crate::solved::ClockFit;
 use agreement::{Compared, agree};
 use pairs::{PairOptions, Straight, compare};
 
-/// How to go about it.
+/// Options of [`synchronise`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockOptions {
     /// Clocks are compared up to this far apart, either way [s].
@@ -55,7 +55,7 @@ pub struct ClockOptions {
     pub max_frames: usize,
     /// A clock with a larger standard deviation is not determined [s].
     pub max_sigma_s: f64,
-    /// Clocks that move less from one round to the next have settled [s].
+    /// Clocks that move less than this from one round to the next have converged [s].
     pub settled_s: f64,
     /// Of the random draws.
     pub seed: u64,
@@ -85,7 +85,7 @@ impl Default for ClockOptions {
 pub struct ClockLink {
     /// The one of the lower number.
     pub a: usize,
-    /// The other.
+    /// The second one.
     pub b: usize,
     /// What a's clock shows less what b's shows, in the middle of what both saw [s].
     pub offset_s: f64,
@@ -100,10 +100,10 @@ pub struct ClockLink {
 /// Offsets this much beyond the window are within it, as far as is known before all cameras are taken together [s].
 const BESIDE_S: f64 = 2e-3;
 
-/// What became of a camera's clock.
+/// Whether a camera's clock was found, and if not, why.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ClockStatus {
-    /// It is the room's.
+    /// It is the reference clock.
     Reference,
     /// It is known.
     Found {
@@ -114,7 +114,7 @@ pub enum ClockStatus {
     TooFewViews {
         /// Moments at steps of the path.
         moments: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
     /// What it saw stays in place.
@@ -122,31 +122,31 @@ pub enum ClockStatus {
         /// Root of the mean squared distance of its pixels from their centre [px].
         spread_px: f64,
     },
-    /// No pair tells its offset; the reason of the pair that came closest.
-    NotTold {
+    /// No pair determines its offset; the reason of the pair that came closest.
+    Undetermined {
         /// The other camera of that pair.
         other: usize,
         /// Why not.
         fault: PairError,
     },
-    /// Pairs tell how it stands to others, but not to the larger group of cameras.
+    /// Pairs determine its offset to some cameras, but not to the larger group.
     Separate {
         /// Those that it stands with.
         group: Vec<usize>,
     },
-    /// Pairs tell its offset, but its pose could not be found.
+    /// Pairs determine its offset, but its pose could not be found.
     NoPose {
-        /// Why.
+        /// Why it was not calibrated.
         status: CameraStatus,
     },
-    /// Pairs lead to an offset that is larger than clocks may be apart.
+    /// Pairs lead to an offset beyond the search window.
     BeyondLimit {
         /// What was found, in the middle of the recording [s].
         offset_s: f64,
         /// The most that is allowed [s].
         limit_s: f64,
     },
-    /// The path does not hold it well enough.
+    /// Its standard deviation is too large.
     Uncertain {
         /// Standard deviation, infinite for one that is entirely open [s].
         sigma_s: f64,
@@ -156,22 +156,22 @@ pub enum ClockStatus {
 }
 
 impl ClockStatus {
-    /// What became of it, the cameras that it speaks of by `name`.
+    /// The status as a sentence; `name` gives the name of camera `k`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
-            ClockStatus::Reference => "its clock is the room's".to_owned(),
-            ClockStatus::Found { links: 1 } => "found by one pair, which no loop of cameras confirms".to_owned(),
+            ClockStatus::Reference => "its clock is the reference".to_owned(),
+            ClockStatus::Found { links: 1 } => "found from one pair of cameras, not confirmed by a third".to_owned(),
             ClockStatus::Found { links } => format!("found, confirmed by {links} pairs"),
             ClockStatus::TooFewViews { moments, needed } => {
                 format!("saw {moments} moments of a smoothly moving light, expected at least {needed}")
             }
             ClockStatus::LightStill { spread_px } => format!(
-                "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest tells no time"
+                "the light stays in place: its pixels are within {spread_px:.2} px, and a light at rest determines no clock"
             ),
-            ClockStatus::NotTold { other, fault } => format!("with {}: {fault}", name(*other)),
+            ClockStatus::Undetermined { other, fault } => format!("with {}: {fault}", name(*other)),
             ClockStatus::Separate { group } => {
                 let group: Vec<String> = group.iter().map(|it| name(*it)).collect();
-                format!("no pair ties it to the larger group of cameras; its own is {}", group.join(", "))
+                format!("no pair links it to the larger group of cameras; its own group is {}", group.join(", "))
             }
             ClockStatus::NoPose { status } => format!("its pose was not found: {}", status.sentence(name)),
             ClockStatus::BeyondLimit { offset_s, limit_s } => format!(
@@ -180,19 +180,19 @@ impl ClockStatus {
                 limit_s * 1e3
             ),
             ClockStatus::Uncertain { sigma_s, limit_s } => format!(
-                "known to {:.2} ms only, expected {:.2} ms: too little motion across what others see",
+                "known only to {:.2} ms, expected {:.2} ms: too little motion in the common view",
                 sigma_s * 1e3,
                 limit_s * 1e3
             ),
         }
     }
 
-    /// Whether clocks that may be further apart could be found: nothing fits within the offsets that were tried.
+    /// Whether a larger search window might find the clock: nothing fits within the offsets that were tried.
     pub fn may_be_further_off(&self) -> bool {
         let at_no_offset = |it: &PairError| matches!(it, PairError::NoOverlap { .. } | PairError::Inconsistent { .. });
         match self {
             ClockStatus::BeyondLimit { .. } => true,
-            ClockStatus::NotTold { fault, .. } => at_no_offset(fault),
+            ClockStatus::Undetermined { fault, .. } => at_no_offset(fault),
             _ => false,
         }
     }
@@ -204,12 +204,12 @@ impl std::fmt::Display for ClockStatus {
     }
 }
 
-/// What [`synchronise`] found.
+/// The result of [`synchronise`]: clocks, common frames, and the cameras with which they were found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Synchronised {
-    /// By camera: its clock against the room's, which is the reference camera's; `None` where it is not determined.
+    /// By camera: its clock relative to the reference camera's; `None` where it is not determined.
     pub clocks: Vec<Option<ClockFit>>,
-    /// By camera: what became of its clock.
+    /// By camera: the status of its clock.
     pub status: Vec<ClockStatus>,
     /// The camera whose clock is the room's.
     pub reference: usize,
@@ -219,30 +219,30 @@ pub struct Synchronised {
     pub frames: Frames,
     /// By camera: pose and optics with which the clocks were found; as given where no pose was.
     pub cameras: Vec<Camera>,
-    /// Root of the mean squared length of the residuals that clocks were found from [px].
+    /// Root mean square length of the residuals from which clocks were found [px].
     pub rms_px: f64,
-    /// What the last round still moved a clock by [s].
+    /// Largest change of a clock in the last round [s].
     pub last_move_s: f64,
 }
 
-/// Why there is no answer at all.
+/// Why no clocks were found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ClockError {
     /// One camera, or none.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
-        /// How many.
+        /// Their number.
         count: usize,
     },
-    /// A camera with a number that is none.
+    /// A camera with a parameter that is not finite.
     #[error("camera {camera}: {fault}")]
     BadCamera {
-        /// Which.
+        /// Index of the camera.
         camera: usize,
         /// What is wrong.
         fault: CameraError,
     },
-    /// A picture by nobody, or at no time.
+    /// A picture of an unknown camera, or at a time that is not finite.
     #[error(
         "picture {camera_frame} is of camera {camera} at {time_s} s, expected a camera below {cameras} and a finite time"
     )]
@@ -256,12 +256,12 @@ pub enum ClockError {
         /// How many cameras there are.
         cameras: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected {expected}")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option outside its range.
+    #[error("{option} is {found}, expected {expected}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// The value that was found.
         found: f64,
         /// What it may be.
         expected: &'static str,
@@ -272,22 +272,22 @@ pub enum ClockError {
         /// By camera.
         status: Vec<ClockStatus>,
     },
-    /// Clocks were compared, but no room was found with them.
+    /// Clocks were found, but no two cameras could be calibrated with them.
     #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
     NoRoom {
         /// By camera.
         status: Vec<CameraStatus>,
     },
-    /// The room was lost while its clocks were adjusted.
+    /// The joint adjustment of clocks and cameras failed.
     #[error("the adjustment of clocks failed: {fault}")]
     NotAdjusted {
-        /// Why.
+        /// The fault.
         fault: String,
     },
 }
 
 impl ClockError {
-    /// Why, the cameras that it speaks of by `name`; `further` is added to what is said of a clock.
+    /// The error as a message; `name` gives the name of camera `k`, and `further` adds advice to the status of a clock.
     pub fn sentence(&self, name: impl Fn(usize) -> String, further: impl Fn(&ClockStatus) -> String) -> String {
         let list = |each: Vec<String>| each.iter().map(|it| format!("\n  {it}")).collect::<String>();
         match self {
@@ -312,10 +312,10 @@ impl ClockError {
     }
 }
 
-/// Finds the clocks of the cameras of a `recording` of one light; the brightest spot of each picture is taken for it.
+/// Finds the clocks of the cameras of a `recording` of one light, whose image is the brightest spot of each picture.
 ///
 /// # Errors
-/// See [`ClockError`]; clocks that are not determined beside others that are stand in the status.
+/// See [`ClockError`]. Where only some clocks are undetermined, [`Synchronised::status`] gives the reason of each.
 pub fn synchronise(recording: &Recording, options: &ClockOptions) -> Result<Synchronised, ClockError> {
     check(recording, options)?;
     let n = recording.cameras.len();
@@ -357,7 +357,8 @@ pub fn synchronise(recording: &Recording, options: &ClockOptions) -> Result<Sync
     // What a camera that no pair reaches is told: the fault that came furthest.
     let closest = |camera: usize| {
         let own = faults.iter().filter(|it| it.0 == camera || it.1 == camera);
-        own.max_by_key(|it| depth(&it.2)).map(|&(a, b, fault)| ClockStatus::NotTold { other: a + b - camera, fault })
+        own.max_by_key(|it| depth(&it.2))
+            .map(|&(a, b, fault)| ClockStatus::Undetermined { other: a + b - camera, fault })
     };
     let unreached = |camera: usize, group: Vec<usize>| {
         if group.len() > 1 {
@@ -458,7 +459,7 @@ fn check(recording: &Recording, options: &ClockOptions) -> Result<(), ClockError
             return Err(ClockError::BadFrame { camera_frame: index, camera, time_s, cameras });
         }
     }
-    for (rule, found) in [
+    for (option, found) in [
         ("max_offset_s", options.max_offset_s),
         ("max_gap_s", options.max_gap_s),
         ("sigma_px", options.sigma_px),
@@ -468,22 +469,22 @@ fn check(recording: &Recording, options: &ClockOptions) -> Result<(), ClockError
         ("settled_s", options.settled_s),
     ] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(ClockError::BadRule { rule, found, expected: "a finite number above 0" });
+            return Err(ClockError::BadOption { option, found, expected: "a finite number above 0" });
         }
     }
     if !(0.0..=0.05).contains(&options.max_drift) {
-        return Err(ClockError::BadRule { rule: "max_drift", found: options.max_drift, expected: "0 to 0.05" });
+        return Err(ClockError::BadOption { option: "max_drift", found: options.max_drift, expected: "0 to 0.05" });
     }
     if !(options.min_distinction >= 1.0 && options.min_distinction.is_finite()) {
-        return Err(ClockError::BadRule {
-            rule: "min_distinction",
+        return Err(ClockError::BadOption {
+            option: "min_distinction",
             found: options.min_distinction,
             expected: "at least 1",
         });
     }
     if let Some(camera) = options.reference.filter(|it| *it >= cameras) {
-        return Err(ClockError::BadRule {
-            rule: "reference",
+        return Err(ClockError::BadOption {
+            option: "reference",
             found: camera as f64,
             expected: "the number of a camera",
         });

@@ -1,8 +1,8 @@
-//! How far two cameras' clocks are apart, from nothing but two tracks of one light: no poses, and lenses known for their distortion only.
+//! Clock offset of two cameras from two tracks of one light: poses unknown, and of the lenses only distortion known.
 //!
 //! At the right offset, pairs of pixels fulfil bᵀ F a = 0 with one matrix F. Every offset in the window is tried with the linear
 //! solution (eight-point algorithm): what remains is the least singular value. The lowest valleys are then descended into with a robust
-//! fit, weights anew from Sampson's distance in each round, and judged by how many pairs fit within the noise. Source: R. Hartley and A.
+//! fit, reweighted from Sampson's distance in each round, and judged by how many pairs fit within the noise. Source: R. Hartley and A.
 //! Zisserman, *Multiple View Geometry*, 2nd ed. 2004, §11.2 and §11.4.3.
 //!
 //! A light that stays tells nothing about time, so moments are taken at steps of the path, not of the clock.
@@ -32,7 +32,7 @@ pub(super) struct PairClock {
     pub a_from_b: Clock,
     /// Middle of what both saw, by b's clock [s].
     pub middle_s: f64,
-    /// Offsets closer together than this cannot be told apart before all cameras are taken together [s].
+    /// Offsets closer together than this cannot be separated before all cameras are adjusted together [s].
     pub tolerance_s: f64,
     /// Moments that fit, each counted by how well.
     pub support: f64,
@@ -40,7 +40,7 @@ pub(super) struct PairClock {
     pub moments: usize,
 }
 
-/// Why two tracks do not tell how their clocks stand.
+/// Why two tracks do not determine the offset of their clocks.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PairError {
     /// One of the two sees too little of a path.
@@ -48,7 +48,7 @@ pub enum PairError {
     TooFew {
         /// At steps of the path.
         moments: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
     /// At no offset do both see the light often enough.
@@ -59,7 +59,7 @@ pub enum PairError {
         /// What is needed.
         needed: usize,
     },
-    /// No offset makes the pixels those of one light.
+    /// At no offset do the pixels fit one light.
     #[error("at the best offset {right} of {moments} moments fit")]
     Inconsistent {
         /// That fit.
@@ -78,7 +78,7 @@ pub enum PairError {
     Ambiguous {
         /// The better one [s].
         first_s: f64,
-        /// The other [s].
+        /// The second one [s].
         second_s: f64,
     },
 }

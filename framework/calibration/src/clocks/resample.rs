@@ -1,4 +1,4 @@
-//! A recording of labelled points by cameras with clocks of their own, as if they had looked together.
+//! Resamples a recording of labelled points by unsynchronised cameras to common moments.
 
 use std::collections::BTreeSet;
 
@@ -7,10 +7,10 @@ use super::track::{Track, brightest};
 use crate::recording::{CameraFrame, Recording, Spot};
 use crate::solved::ClockFit;
 
-/// The recording at moments that all cameras share, in the room's time: each label's path is followed between the pictures of a camera, as
+/// The recording at common moments, in the network's time: each label's path is interpolated between the pictures of a camera, as
 /// [`frames`](super::frames) does it for one light. Cameras without a clock (`None`) and spots without a label are left out.
 ///
-/// A label is a path of its own in each camera; of several spots of one label in a picture the brightest is taken.
+/// Each label is a path of its own in each camera; if a picture has several spots with one label, the brightest is used.
 pub fn on_one_clock(recording: &Recording, clocks: &[Option<ClockFit>], options: &FrameOptions) -> Recording {
     let clocks: Vec<Option<Clock>> = clocks.iter().map(|it| it.as_ref().map(Clock::of)).collect();
     let times_s = moments(&brightest(recording), &clocks, options.max_frames);

@@ -66,21 +66,21 @@ fn one_bad_camera_of_few_or_many_does_not_spoil_the_others() {
                     assert_eq!((is_near, found.agrees[index]), (index != bad, index != bad), "{case}");
                 }
                 assert!((found.scale() - 4.0).abs() < 0.02, "{case}: {}", found.scale());
-                assert!(found.describe("t.toml").contains("stands elsewhere"), "{case}");
+                assert!(found.describe("t.toml").contains("elsewhere"), "{case}");
             }
         }
     }
 }
 
 #[test]
-fn mirror_images_and_exchanged_names_are_told() {
+fn mirror_images_and_exchanged_names_are_named() {
     for n in [3, 4, 6] {
         for flip in [Vector3::new(-1.0, 1.0, 1.0), Vector3::new(1.0, -1.0, 1.0)] {
             let (mut solved, other) = rooms(n, 1e-3);
             solved.cameras.iter_mut().for_each(|it| it.camera = mirror_image(&it.camera, &flip));
             let found = compare(&solved, &other).unwrap();
             assert!(found.is_mirrored() && found.exchanged().is_none(), "{n}: {}", found.describe("t.toml"));
-            assert!(found.describe("t.toml").contains("mirror images"));
+            assert!(found.describe("t.toml").contains("mirror"));
             assert!(found.centres.iter().all(|it| *it < 10.0), "{:?}", found.centres);
         }
         for [a, b] in [[0, 1], [0, n - 1], [1, 2]] {
@@ -99,7 +99,7 @@ fn mirror_images_and_exchanged_names_are_told() {
 }
 
 #[test]
-fn two_cameras_do_not_accuse_a_third_of_a_hundredth() {
+fn a_third_camera_may_be_off_by_a_hundredth() {
     let (mut solved, other) = rooms(3, 1e-4);
     solved.cameras[0].camera.camera_from_world *= Translation3::new(0.03, 0.02, 0.0);
     let found = compare(&solved, &other).unwrap();
@@ -114,7 +114,7 @@ fn cameras_that_all_agree_are_as_near_as_their_noise() {
         assert!(found.agrees.iter().all(|it| *it) && found.centres.iter().all(|it| *it < 6.0), "{:?}", found.centres);
         let text = found.describe("t.toml");
         assert!(text.contains("+0.00 %") && !text.contains("elsewhere"), "{text}");
-        assert_eq!(text.contains("two cameras do not tell"), n == 2);
+        assert_eq!(text.contains("two cameras"), n == 2);
     }
 }
 
@@ -133,23 +133,18 @@ fn of_two_calibrations_in_metres_that_of_equal_metres_is_right() {
 }
 
 #[test]
-fn without_common_names_both_lists_are_told() {
+fn without_common_names_both_lists_are_named() {
     let (solved, mut other) = rooms(3, 0.0);
     other.cameras.iter_mut().for_each(|it| it.name = format!("cam{}", &it.name[5..]));
     let fault = compare(&solved, &other).unwrap_err();
-    assert_eq!(
-        fault,
-        "no camera stands in both by the same name, expected at least 2; here: wide-0, wide-1, wide-2; there: cam0, cam1, cam2"
-    );
+    assert!(fault.contains("wide-0, wide-1, wide-2") && fault.contains("cam0, cam1, cam2"), "{fault}");
     // Sorted by name, as calibrations are.
     other.cameras[2].name = "wide-1".into();
-    assert!(
-        compare(&solved, &other)
-            .unwrap_err()
-            .starts_with("only wide-1 stands in both, expected at least 2; here: wide-0")
-    );
+    let fault = compare(&solved, &other).unwrap_err();
+    assert!(fault.starts_with("only wide-1 ") && fault.contains("wide-0, wide-1, wide-2"), "{fault}");
     let (mut solved, other) = rooms(3, 0.0);
     let first = solved.cameras[0].camera.clone();
     solved.cameras.iter_mut().for_each(|it| it.camera.camera_from_world = first.camera_from_world);
-    assert!(compare(&solved, &other).unwrap_err().contains("stand in one place"));
+    let fault = compare(&solved, &other).unwrap_err();
+    assert!(fault.contains("wide-0, wide-1, wide-2") && !fault.contains("expected at least"), "{fault}");
 }

@@ -1,4 +1,4 @@
-//! What is still missing, in sentences, the most important first.
+//! Advice about missing coverage, the most important first.
 
 use std::fmt;
 
@@ -14,7 +14,7 @@ const RECENT_S: f64 = 2.0;
 /// Part of the last pictures in which the light stands that is too much.
 const MOSTLY: f64 = 0.6;
 
-/// Whether it is enough, and what could be better.
+/// Whether coverage suffices for a calibration, and what would improve it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Guidance {
     /// Whether nothing that is needed is missing.
@@ -23,12 +23,12 @@ pub struct Guidance {
     pub missing: Vec<Advice>,
 }
 
-/// One thing that is missing; its `Display` is a sentence for the person with the light.
+/// One gap in coverage; its `Display` is a sentence for the person with the light.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Advice {
     /// There is one camera, or none.
     TooFewCameras {
-        /// How many there are.
+        /// Number that was found.
         found: usize,
     },
     /// No camera saw the light.
@@ -39,7 +39,7 @@ pub enum Advice {
     TooFewFrames {
         /// Their names, and in how many frames each saw it; the worst first.
         cameras: Vec<(String, u32)>,
-        /// How many are needed.
+        /// Number that is needed.
         needed: u32,
     },
     /// Cameras that are linked with each other, but not with the larger group.
@@ -50,7 +50,7 @@ pub enum Advice {
         between: [String; 2],
         /// Frames that this pair saw together.
         common: u32,
-        /// How many are needed.
+        /// Number that is needed.
         needed: u32,
     },
     /// What cameras saw with their best partners lies in a plane.
@@ -60,7 +60,7 @@ pub enum Advice {
     },
     /// A camera saw the light in too little of its image.
     Narrow {
-        /// Its name.
+        /// Name of the camera.
         camera: String,
         /// Part of the cells that are full.
         share: f64,
@@ -69,10 +69,10 @@ pub enum Advice {
     },
     /// A camera saw the light on a line only.
     OnLine {
-        /// Its name.
+        /// Name of the camera.
         camera: String,
     },
-    /// More lights move than there should be.
+    /// More moving lights than expected.
     SeveralLights {
         /// The camera that sees them.
         camera: String,
@@ -81,11 +81,11 @@ pub enum Advice {
         /// How many there should be.
         expected: usize,
     },
-    /// A lamp, a window, a reflection. Not needed: what stands counts for nothing.
+    /// A lamp, a window, a reflection. Not needed: stationary lights are ignored.
     StandingLight {
         /// The camera that sees it.
         camera: String,
-        /// Where [px].
+        /// Its place in the picture [px].
         pixel: Point2<f64>,
     },
     /// Cameras that one other camera alone links to the rest. Not needed.
@@ -101,7 +101,7 @@ pub enum Advice {
     RegionEmpty {
         /// The camera.
         camera: String,
-        /// Where.
+        /// The empty part of the image.
         region: Region,
     },
     /// A part of the working volume in which the light never was. Not needed.
@@ -123,7 +123,7 @@ pub struct Region {
 }
 
 impl Advice {
-    /// Whether it must be followed before it is enough.
+    /// Whether it must be followed before coverage suffices.
     pub fn needed(&self) -> bool {
         use Advice::{LinkedByOne, RegionEmpty, StandingLight, VolumeEmpty};
         !matches!(self, StandingLight { .. } | LinkedByOne { .. } | RegionEmpty { .. } | VolumeEmpty { .. })
@@ -153,7 +153,7 @@ impl fmt::Display for Advice {
                 write!(to, "{found} cameras cannot be calibrated, at least 2 are needed")
             }
             Advice::NothingSeen => write!(to, "no camera has seen the light: switch it on, and darken the room"),
-            Advice::LightStill => write!(to, "the light stands still: walk with it"),
+            Advice::LightStill => write!(to, "the light does not move: walk with it"),
             Advice::TooFewFrames { cameras, needed } => match cameras.as_slice() {
                 [(name, 0)] => write!(to, "camera {name} has not seen the light: wave in front of it"),
                 [(name, frames)] => {
@@ -167,8 +167,8 @@ impl fmt::Display for Advice {
             },
             Advice::Apart { cameras, between: [own, other], common, needed } => write!(
                 to,
-                "{} {} apart from the others: {own} and {other} have seen the light together in {common} of {needed} frames: \
-                 wave where both look",
+                "{} {} not linked to the others: {own} and {other} have seen the light together in {common} of {needed} frames: \
+                 wave where both see",
                 listed(cameras, 4),
                 is(cameras),
             ),
@@ -185,7 +185,7 @@ impl fmt::Display for Advice {
             }
             Advice::SeveralLights { camera, share, expected } => write!(
                 to,
-                "more than {expected} at once in camera {camera}, in {:.0} % of its last frames: cover other lights and reflections",
+                "more than {expected} moving at once in camera {camera}, in {:.0} % of its last frames: cover other lights and reflections",
                 100.0 * share
             ),
             Advice::StandingLight { camera, pixel } => write!(
@@ -194,9 +194,9 @@ impl fmt::Display for Advice {
                 pixel.x, pixel.y
             ),
             Advice::LinkedByOne { cameras, by, between } => {
-                write!(to, "{} {} linked to the others by {by} only", listed(cameras, 4), is(cameras))?;
+                write!(to, "{} {} linked to the others only through {by}", listed(cameras, 4), is(cameras))?;
                 match between {
-                    Some([own, other]) => write!(to, ": wave where {own} and {other} both look"),
+                    Some([own, other]) => write!(to, ": wave where {own} and {other} both see"),
                     None => Ok(()),
                 }
             }
@@ -351,7 +351,7 @@ fn flat(coverage: &Coverage, camera: usize) -> bool {
     !partners.is_empty() && partners.iter().all(planar)
 }
 
-/// Parts of the view graph that hang together, without the camera `without`; the largest first, then by their first camera.
+/// Connected parts of the view graph, without the camera `without`; the largest first, then by their first camera.
 pub(super) fn groups(n: usize, linked: impl Fn(usize, usize) -> bool, without: Option<usize>) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     let mut open: Vec<usize> = (0..n).filter(|it| Some(*it) != without).collect();

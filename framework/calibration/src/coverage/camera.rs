@@ -1,4 +1,4 @@
-//! What one camera saw of the light.
+//! Coverage of one camera.
 
 use foveate_geometry::{Camera, Ray};
 use nalgebra::{Matrix2, Point2, Vector2};

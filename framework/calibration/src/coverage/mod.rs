@@ -1,5 +1,5 @@
-//! Where the light has been, for those who wave it: what each camera saw of it, which cameras saw it together, what is still
-//! missing, and when it is enough.
+//! Coverage of a waved light, to guide the person who waves it: what each camera saw of it, which cameras saw it together, what is still
+//! missing, and when it suffices.
 //!
 //! [`Coverage`] is fed each picture as it comes, at a cost of one comparison for each camera. The rule for stopping
 //! ([`Coverage::state`]): it is enough when, by [`CoverageOptions`],
@@ -10,7 +10,7 @@
 //! - what each camera saw with one of its best partners does not lie in a plane;
 //! - no camera sees several moving lights in more than `max_several` of its frames, and the light is not standing still.
 //!
-//! A light that stands for `still_looks` pictures is none that is waved: it counts for nothing until it moves.
+//! A light that stands still for `still_looks` pictures is not the waved one: it is ignored until it moves.
 
 mod advice;
 mod camera;
@@ -28,7 +28,7 @@ use self::links::Links;
 use self::volume::VolumeCoverage;
 use crate::recording::{CameraFrame, CameraGuess, Recording};
 
-/// What is enough, and what counts.
+/// Options of [`Coverage`]: what counts, and how much suffices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CoverageOptions {
     /// Columns and rows of the grid over each image, each at least 1 [–].
@@ -49,7 +49,7 @@ pub struct CoverageOptions {
     pub min_common: u32,
     /// Pictures of two cameras are of one moment when at most this far apart; half the time between frames is right [s].
     pub tolerance_s: f64,
-    /// A light counts anew when it moved by so much in one of the cameras [px].
+    /// A light counts again when it moved by this much in one of the cameras [px].
     pub step_px: f64,
     /// A light stands when it stays within this [px].
     pub still_px: f64,
@@ -91,7 +91,7 @@ impl Default for CoverageOptions {
     }
 }
 
-/// What cameras saw so far.
+/// What all cameras saw so far.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coverage {
     options: CoverageOptions,
@@ -136,8 +136,8 @@ impl Coverage {
         coverage
     }
 
-    /// From now on also tells where in `volume` the light has been, and how deep for each camera, by the poses of `cameras`
-    /// (in the order of [`Self::new`]; `None`: not known). What was told of the volume before is forgotten.
+    /// From now on also tracks coverage of `volume`, and depths for each camera, by the poses of `cameras`
+    /// (in the order of [`Self::new`]; `None`: not known). Earlier coverage of a volume is discarded.
     pub fn place(&mut self, cameras: &[Option<Camera>], volume: WorkingVolume) {
         self.volume = Some(VolumeCoverage::new(cameras, volume, self.options.volume_cells));
         self.cameras.iter_mut().for_each(|it| it.last.ray = None);
@@ -159,13 +159,13 @@ impl Coverage {
         }
     }
 
-    /// Whether that is enough, and what is missing; see the head of this module. Takes some 0.1 ms for each camera.
+    /// Whether coverage suffices, and what is missing, by the rule of this module. Takes some 0.1 ms for each camera.
     pub fn state(&self) -> Guidance {
         advice::guidance(self)
     }
 
-    /// A picture in characters, `width` columns wide at most where a single camera has room in that: grids of what each camera saw,
-    /// how cameras are linked, and the foremost advice. For more than 64 cameras a table. `color`: with ANSI colours.
+    /// A picture in characters, at most `width` columns wide if one camera fits into that: the grid of each camera,
+    /// the links between cameras, and the most important advice. For more than 64 cameras a table. `color`: with ANSI colours.
     pub fn render(&self, width: usize, color: bool) -> String {
         terminal::render(self, width, color)
     }

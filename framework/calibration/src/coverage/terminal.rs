@@ -187,7 +187,7 @@ impl Painter<'_> {
         if guidance.missing.len() > shown {
             let rest = &guidance.missing[shown..];
             let needed = rest.iter().filter(|it: &&Advice| it.needed()).count();
-            let line = format!("· and {} more, {needed} of which must be mended", rest.len());
+            let line = format!("· and {} more, {needed} of them required", rest.len());
             let _ = writeln!(text, "{}", self.painted(&wrapped(&line, width, "  "), "2"));
         }
     }

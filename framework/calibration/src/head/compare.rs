@@ -18,7 +18,7 @@ use nalgebra::{Point2, Point3, Vector2};
 const LEAST_AT_HOME: usize = 6;
 const TRIALS: u32 = 500;
 
-/// A model, and by how much it misses.
+/// A fitted model and its errors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelFit {
     /// The head by that model.
@@ -34,18 +34,18 @@ pub struct ModelFit {
 /// Three models of one head.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// `None` when too little was seen at home.
+    /// The model from observations at home alone; `None` when too little was seen there.
     pub home: Option<ModelFit>,
-    /// `None` when this model explains nothing.
+    /// The model with aligned axes; `None` when it explains nothing.
     pub aligned: Option<ModelFit>,
-    /// The one that a calibration keeps.
+    /// The model with free axes, which a calibration keeps.
     pub free: ModelFit,
-    /// All that is known of the last one.
+    /// All details of the last fit.
     pub calibration: HeadCalibration,
 }
 
 impl Comparison {
-    /// What the paper calls them, with their errors, in its order.
+    /// The three models under the paper's names, in its order.
     pub fn models(&self) -> [(&'static str, Option<&ModelFit>); 3] {
         [
             ("home position alone", self.home.as_ref()),
@@ -55,11 +55,11 @@ impl Comparison {
     }
 }
 
-/// Fits the three models. `options` are those of the last; the others follow them but for the axes. Where the observations alone give no start, the search begins at the
-/// head that is `stated` (a plan, an older calibration) with its units, and counts if it explains most of what was seen.
+/// Fits the three models. `options` are those of the last; the others use them except for the axes. Where the observations alone give no start, the search begins at the
+/// head that is `stated` (a plan, an older calibration) with its units, and is accepted if it explains most observations.
 ///
 /// # Errors
-/// When the last cannot be fitted, or is not held.
+/// When the last cannot be fitted, or is undetermined.
 pub fn compare(
     optics: &Camera,
     stated: Option<(&PanTiltHead, [AxisUnits; 2])>,

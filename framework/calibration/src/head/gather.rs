@@ -1,18 +1,18 @@
-//! Joins light, picture and setting: the observations that a head is calibrated from.
+//! Joins light, picture and head position into the observations from which a head is calibrated.
 
 use foveate_geometry::pan_tilt::HeadObservation;
 use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector3};
 
-use super::rest::{PositionReport, stand_at, stands};
+use super::rest::{PositionReport, rest_period_at, rest_periods};
 
-/// The light as the room's system has it at one time.
+/// A sample of the tracked light at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightSample {
-    /// When [s].
+    /// Time [s].
     pub time_s: f64,
-    /// Which track: between samples of two, nothing is interpolated.
+    /// Number of the track: nothing is interpolated between tracks.
     pub track: u32,
-    /// Where [m].
+    /// Its place [m].
     pub position: Point3<f64>,
     /// How it moves [m/s].
     pub velocity: Vector3<f64>,
@@ -20,7 +20,7 @@ pub struct LightSample {
     pub covariance: Matrix6<f64>,
 }
 
-/// The only light in a picture of the camera on the head.
+/// A picture of the camera on the head with exactly one light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LitFrame {
     /// When the picture was taken [s].
@@ -31,10 +31,10 @@ pub struct LitFrame {
     pub sigma_px: f64,
 }
 
-/// All that was heard, each list in the order of its times.
+/// The recorded data, each list in the order of its times.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HeadRecording {
-    /// Where the head said that it was.
+    /// Reported positions of the head.
     pub positions: Vec<PositionReport>,
     /// Pictures with one light.
     pub camera_frames: Vec<LitFrame>,
@@ -42,7 +42,7 @@ pub struct HeadRecording {
     pub light: Vec<LightSample>,
 }
 
-/// What counts as an observation.
+/// Options of [`HeadRecording::gather`]: what counts as an observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GatherOptions {
     /// Reports of the head this close are of one place [rad].
@@ -51,7 +51,7 @@ pub struct GatherOptions {
     pub settle_s: f64,
     /// Samples of the light about a picture are at most this far apart [s].
     pub most_apart_s: f64,
-    /// A light counts anew at one setting when it moved by so much in the picture [px].
+    /// A light counts again at one setting when it moved by this much in the picture [px].
     pub step_px: f64,
     /// At most so many count at one setting, the first and last among them [–].
     pub most_a_setting: usize,
@@ -63,30 +63,30 @@ impl Default for GatherOptions {
     }
 }
 
-/// Observations, and what became of all pictures.
+/// The observations, and how many pictures were used or left out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gathered {
-    /// What a head is calibrated from: settings as the head said them [rad].
+    /// The observations from which a head is calibrated; settings as the head reported them [rad].
     pub observations: Vec<HeadObservation>,
     /// Different settings among them.
     pub settings: usize,
     /// Pictures with one light.
     pub camera_frames: usize,
-    /// Those taken while the head moved, or before it had settled.
+    /// Pictures taken while the head moved, or before it had settled.
     pub moving: usize,
-    /// Those at a time of which the light's place is not known.
+    /// Pictures at a time when the light's place is not known.
     pub without_light: usize,
 }
 
 impl HeadRecording {
-    /// What of it is of use.
+    /// The usable observations of the recording.
     pub fn gather(&self, options: &GatherOptions) -> Gathered {
         let mut gathered = Gathered { camera_frames: self.camera_frames.len(), ..Gathered::default() };
-        let stands = stands(&self.positions, options.tolerance, options.settle_s);
+        let stands = rest_periods(&self.positions, options.tolerance, options.settle_s);
         // By setting, in the order of first coming there.
         let mut by_setting: Vec<([f64; 2], Vec<HeadObservation>)> = Vec::new();
         for camera_frame in &self.camera_frames {
-            let Some(stand) = stand_at(&stands, camera_frame.time_s) else {
+            let Some(stand) = rest_period_at(&stands, camera_frame.time_s) else {
                 gathered.moving += 1;
                 continue;
             };

@@ -2,14 +2,14 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`sweep`] | which settings to drive a head to, when to go on, and where the light is wanted |
-//! | [`rest`] | from where a head said it was to when it stood still |
+//! | [`sweep`] | drives a head over settings: when to go on, and where the light is needed |
+//! | [`rest`] | periods of rest from reported positions |
 //! | [`gather`] | joins light, picture and setting into what [`foveate_geometry::pan_tilt::calibrate_head`] takes |
 //! | [`compare`] | three models side by side, as in Figures 51 and 52 |
 //! | [`picture`] | the same as a picture |
 //! | [`to_calibration`] | what was found as sections of a calibration |
 //!
-//! Nothing is assumed of where the camera stands; its optics are known beforehand.
+//! The camera's pose need not be known; its optics must be.
 
 pub mod compare;
 pub mod gather;
@@ -24,6 +24,6 @@ mod tests;
 pub use compare::{Comparison, ModelFit, compare};
 pub use gather::{GatherOptions, Gathered, HeadRecording, LightSample, LitFrame};
 pub use picture::picture;
-pub use rest::{PositionReport, Stand, stands};
+pub use rest::{PositionReport, RestPeriod, rest_periods};
 pub use sweep::{Sweep, SweepOptions, SweepOrder};
 pub use to_calibration::calibrated_head;

@@ -14,7 +14,7 @@ const BARS: usize = 30;
 /// The part of the right observations that every plot shows at least.
 const SHOWN: f64 = 0.98;
 
-/// The picture as SVG. `title` is told above it; the same input gives the same bytes.
+/// The comparison as SVG under the heading `title`; the same input gives the same bytes.
 pub fn picture(comparison: &Comparison, title: &str) -> String {
     let models = comparison.models();
     let fits = models.iter().filter_map(|it| it.1);
@@ -53,7 +53,7 @@ fn histogram<'a>(fit: Option<&ModelFit>, reach: f64, most: usize) -> Chart<'a> {
     chart.with(Series::bars("", COLOURS[0], bars)).with(Series::line("median", COLOURS[1], median).dashed())
 }
 
-/// How many errors each bar stands for.
+/// Number of errors in each bar.
 fn counts(fit: &ModelFit, reach: f64) -> Vec<usize> {
     let mut counts = vec![0; BARS];
     for length in fit.errors.iter().flatten().map(|it| it.norm()) {

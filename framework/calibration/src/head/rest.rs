@@ -1,12 +1,12 @@
-//! When a head stood still, from where it said that it was.
+//! Periods in which a head was at rest, from its reported positions.
 //!
-//! Two reports in a row of one place mean that it was there all the while: a head that is told to go does not come back before it is
-//! asked again. What it carries may swing on a while after it stopped.
+//! Two successive reports of one position mean that it stayed there: a head that gets a command does not come back before the next
+//! report. What it carries may swing for a while after it stopped.
 
-/// Where a head said that it was.
+/// A position that a head reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PositionReport {
-    /// It looked at its motors after this moment … [s].
+    /// The position was read after this moment … [s].
     pub earliest_s: f64,
     /// … and before this one [s].
     pub latest_s: f64,
@@ -14,12 +14,12 @@ pub struct PositionReport {
     pub angles: [f64; 2],
 }
 
-/// A stretch of time in which a head stood still.
+/// A period in which a head was at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stand {
-    /// Since when [s].
+pub struct RestPeriod {
+    /// Start [s].
     pub from_s: f64,
-    /// Until when at least [s].
+    /// End, at the earliest [s].
     pub until_s: f64,
     /// Pan and tilt [rad].
     pub angles: [f64; 2],
@@ -28,14 +28,14 @@ pub struct Stand {
 /// Reports further apart than this say nothing of what was between [s].
 const LONGEST_GAP_S: f64 = 1.5;
 
-/// The stretches, in the order of time, in which all reports are of one place within `tolerance` [rad], each without its first `settle_s`
+/// The periods of rest in the order of time: all reports agree within `tolerance` [rad]. Each period is without its first `settle_s`
 /// [s]. `reports` are in the order of time.
-pub fn stands(reports: &[PositionReport], tolerance: f64, settle_s: f64) -> Vec<Stand> {
+pub fn rest_periods(reports: &[PositionReport], tolerance: f64, settle_s: f64) -> Vec<RestPeriod> {
     let mut stands = Vec::new();
-    let mut open: Option<Stand> = None;
-    let mut close = |stand: Option<Stand>| stands.extend(stand.filter(|it| it.until_s > it.from_s));
+    let mut open: Option<RestPeriod> = None;
+    let mut close = |stand: Option<RestPeriod>| stands.extend(stand.filter(|it| it.until_s > it.from_s));
     for report in reports {
-        let same = |it: &Stand| {
+        let same = |it: &RestPeriod| {
             let off = [0, 1].map(|axis| (it.angles[axis] - report.angles[axis]).abs());
             off[0].max(off[1]) <= tolerance && report.earliest_s - it.until_s <= LONGEST_GAP_S
         };
@@ -44,7 +44,7 @@ pub fn stands(reports: &[PositionReport], tolerance: f64, settle_s: f64) -> Vec<
             _ => {
                 let from_s = report.latest_s + settle_s;
                 // Nothing yet: the first report of a place ends where it begins.
-                let begun = Stand { from_s, until_s: report.earliest_s, angles: report.angles };
+                let begun = RestPeriod { from_s, until_s: report.earliest_s, angles: report.angles };
                 close(open.replace(begun));
             }
         }
@@ -53,8 +53,8 @@ pub fn stands(reports: &[PositionReport], tolerance: f64, settle_s: f64) -> Vec<
     stands
 }
 
-/// The stand at `time_s`, of stands in the order of time.
-pub fn stand_at(stands: &[Stand], time_s: f64) -> Option<&Stand> {
+/// The period of rest at `time_s`; `stands` are in the order of time.
+pub fn rest_period_at(stands: &[RestPeriod], time_s: f64) -> Option<&RestPeriod> {
     let next = stands.partition_point(|it| it.from_s <= time_s);
     next.checked_sub(1).map(|it| &stands[it]).filter(|it| time_s <= it.until_s)
 }

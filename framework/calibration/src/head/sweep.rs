@@ -1,4 +1,4 @@
-//! Drives a head over settings, goes on when enough was seen at each, and says where the light is wanted.
+//! Drives a head over settings, goes on when enough was seen at each, and says where the light is needed.
 //!
 //! The paper's settings [Davis 2002 §4.2] are pan alone and tilt alone; with those a tilt axis that stands still and one that is carried look
 //! the same, so that settings with both follow.
@@ -12,31 +12,31 @@ const CELLS: usize = 3;
 /// A head that has not arrived after this is not waited for [s].
 const LONGEST_WAY_S: f64 = 15.0;
 
-/// Where to go, and what is enough there.
+/// Options of [`Sweep`]: the settings, and how much must be seen at each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepOptions {
     /// Settings in their order: pan and tilt [rad].
     pub settings: Vec<[f64; 2]>,
-    /// The head is at a setting when it says that it is this close [rad].
+    /// The head is at a setting when it reports a position this close [rad].
     pub tolerance: f64,
     /// How long after it stopped what it carries still swings [s].
     pub settle_s: f64,
-    /// The light counts anew when it moved by so much in the picture [px].
+    /// The light counts again when it moved by this much in the picture [px].
     pub step_px: f64,
     /// So many observations are enough at a setting … [–]
     pub observations: u32,
     /// … when they lie in so many ninths of the picture [–].
     pub cells: u32,
-    /// After this it goes on with what there is [s].
+    /// After this time it goes on with what there is [s].
     pub longest_s: f64,
     /// Columns and rows of the picture [px].
     pub image_size: [u32; 2],
 }
 
-/// What the head is to do now.
+/// The command to the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SweepOrder {
-    /// Go to this setting; said again from time to time while it does not arrive [rad].
+    /// Go to this setting; repeated from time to time until it arrives [rad].
     Go([f64; 2]),
     /// Stay, the light is being seen.
     Stay,
@@ -44,7 +44,7 @@ pub enum SweepOrder {
     Done,
 }
 
-/// What was seen at one setting.
+/// The observations at one setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Seen {
     /// Whether the head got there.
@@ -80,7 +80,7 @@ impl Sweep {
         Sweep { options, at: 0, sent_s: None, said_s: 0.0, there_s: None, last: None, seen }
     }
 
-    /// The present is `now_s`; the head said last that it is at `angles` [rad].
+    /// Advances to time `now_s`; `angles` is the last reported position of the head [rad]. Returns the command.
     pub fn step(&mut self, now_s: f64, angles: Option<[f64; 2]>) -> SweepOrder {
         let Some(&setting) = self.options.settings.get(self.at) else { return SweepOrder::Done };
         let Some(sent_s) = self.sent_s else {
@@ -119,7 +119,7 @@ impl Sweep {
         self.step(now_s, None)
     }
 
-    /// The light is at `pixel` in a picture of `time_s`, and nothing else is.
+    /// Adds a picture of time `time_s` with exactly one light, at `pixel`.
     pub fn add_observation(&mut self, time_s: f64, pixel: Point2<f64>) {
         let has_settled = self.there_s.is_some_and(|it| time_s > it + self.options.settle_s);
         let moved = self.last.is_none_or(|it| (it - pixel).norm() >= self.options.step_px);
@@ -173,7 +173,7 @@ impl fmt::Display for Sweep {
         let seen = &self.seen[at];
         let wanted = self.options.observations;
         match seen.cells.iter().enumerate().min_by_key(|it| *it.1) {
-            _ if seen.observations == 0 => write!(f, "the light was not seen yet; move it before the camera"),
+            _ if seen.observations == 0 => write!(f, "the light was not seen yet; move it in front of the camera"),
             Some((emptiest, 0)) => {
                 let vertical = ["at the top", "halfway up", "at the bottom"][emptiest / CELLS];
                 let across = ["left", "middle", "right"][emptiest % CELLS];

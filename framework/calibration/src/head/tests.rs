@@ -10,7 +10,7 @@ use foveate_geometry::pan_tilt::{
 use foveate_scene::{Calibration, LengthUnit, NamedCamera};
 use nalgebra::{Isometry3, Matrix6, Point2, Point3, Vector2, Vector3, Vector4};
 
-use super::rest::stand_at;
+use super::rest::rest_period_at;
 use super::*;
 
 /// A head at the wall, its axes a degree and centimetres from where they should be.
@@ -226,14 +226,14 @@ fn a_head_stands_between_two_reports_of_one_place() {
         report(5.0, 0.5), // too long a silence
         report(5.5, 0.5),
     ];
-    let found = stands(&reports, 1e-3, 0.25);
+    let found = rest_periods(&reports, 1e-3, 0.25);
     let spans: Vec<[f64; 2]> = found.iter().map(|it| [it.from_s, it.until_s]).collect();
     assert_eq!(spans.len(), 3, "{spans:?}");
     for (found, expected) in spans.iter().zip([[0.28, 1.0], [1.48, 2.0], [5.28, 5.5]]) {
         assert!((found[0] - expected[0]).abs() < 1e-12 && found[1] == expected[1], "{spans:?}");
     }
-    assert_eq!(stand_at(&found, 0.5).map(|it| it.angles), Some([0.1, 0.2]));
-    assert_eq!([0.2, 1.05, 1.3, 3.0, 6.0].map(|it| stand_at(&found, it)), [None; 5]);
+    assert_eq!(rest_period_at(&found, 0.5).map(|it| it.angles), Some([0.1, 0.2]));
+    assert_eq!([0.2, 1.05, 1.3, 3.0, 6.0].map(|it| rest_period_at(&found, it)), [None; 5]);
 }
 
 #[test]
@@ -267,17 +267,14 @@ fn a_sweep_goes_on_when_enough_was_seen_and_says_where_the_light_is_wanted() {
     let mut sweep = sweep();
     assert_eq!(sweep.step(0.0, None), SweepOrder::Go([0.0, 0.0]));
     assert_eq!(sweep.step(0.1, Some([0.2, 0.0])), SweepOrder::Stay);
-    assert_eq!(sweep.to_string(), "setting 1 of 3 (pan +0°, tilt +0°): the head is on its way");
+    assert!(sweep.to_string().starts_with("setting 1 of 3 (pan +0°, tilt +0°): "), "{sweep}");
     assert_eq!(sweep.step(1.0, Some([0.005, 0.0])), SweepOrder::Stay);
-    assert!(sweep.to_string().ends_with("the light was not seen yet; move it before the camera"));
+    assert_eq!(sweep.seen().next().unwrap().1.observations, 0);
     sweep.add_observation(1.2, Point2::new(30.0, 30.0)); // the camera still swings
     sweep.add_observation(1.6, Point2::new(30.0, 30.0));
     sweep.add_observation(1.7, Point2::new(33.0, 34.0)); // the light stood still
     sweep.add_observation(1.8, Point2::new(320.0, 30.0));
-    assert!(
-        sweep.to_string().ends_with("2 of 4 observations; move the light to the right of the picture, at the top"),
-        "{sweep}"
-    );
+    assert!(["2 of 4", "right", "top"].iter().all(|it| sweep.to_string().contains(it)), "{sweep}");
     for y in [40.0, 50.0, 60.0] {
         sweep.add_observation(2.0, Point2::new(320.0, y));
     }
@@ -303,6 +300,6 @@ fn a_sweep_does_not_wait_for_ever() {
     sweep.step(28.0, Some([0.0, 0.3]));
     assert_eq!(sweep.step(34.0, Some([0.0, 0.3])), SweepOrder::Done);
     assert_eq!(sweep.step(35.0, None), SweepOrder::Done);
-    assert_eq!(sweep.to_string(), "3 of 3 settings done, 0 with enough observations");
+    assert_eq!((sweep.progress(), sweep.filled()), ([3, 3], 0));
     assert_eq!(sweep.seen().map(|it| it.1.reached).collect::<Vec<bool>>(), [true, false, true]);
 }

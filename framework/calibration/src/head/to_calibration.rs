@@ -1,10 +1,10 @@
-//! What was found of a head, as sections of a calibration.
+//! A calibrated head as sections of a calibration.
 
 use foveate_geometry::pan_tilt::{AxisUnits, HeadCalibration};
 use foveate_scene::{Calibration, CameraUncertainty, Head};
 
-/// Puts the head of `camera` and its pose at rest in place of what `calibration` says of them; limits and zoom stay. `angles_in` says what
-/// the device's numbers mean of which the observations had the angles.
+/// Replaces the head of `camera` and its pose at rest in `calibration`; limits and zoom stay. `angles_in` says how the device's numbers relate to
+/// the angles of the observations.
 ///
 /// `None` when there is no such camera.
 pub fn calibrated_head(

@@ -1,4 +1,4 @@
-//! What is set aside of a recording before anything is computed, and why.
+//! Cleans a recording before anything is computed: what is set aside, and why.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,24 +15,24 @@ const PLACE_PX: f64 = 4.0;
 /// The brightest of several spots is the light when the next one is darker by this factor [–].
 const OUTSHINES: f64 = 1.5;
 
-/// What was set aside of one camera.
+/// What was set aside from one camera.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Cleaning {
     /// Pictures.
     pub camera_frames: usize,
     /// Pictures with a spot.
     pub with_spots: usize,
-    /// Spots with a number that is none, or outside of the picture.
+    /// Spots with a coordinate that is not finite, or outside the picture.
     pub unusable: usize,
-    /// Spots that repeat another one of the same picture to the last digit: rows that were written twice.
+    /// Spots identical to another one of the same picture: rows that were written twice.
     pub written_twice: usize,
-    /// Pictures of a time of which there was one already.
+    /// Pictures at the time of an earlier one.
     pub repeated_times: usize,
-    /// Pictures that show exactly what the one before shows while other cameras see the light move: a frame given twice.
+    /// Pictures identical to the one before while other cameras see the light move: a repeated frame.
     pub repeated_pictures: usize,
     /// Places of lights that do not move [px].
     pub lamps: Vec<[f64; 2]>,
-    /// Pictures with several spots of which none outshines the others; of use once the cameras are known.
+    /// Pictures with several spots of similar brightness; used once the cameras are known.
     pub ambiguous: usize,
 }
 

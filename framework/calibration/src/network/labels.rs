@@ -1,7 +1,7 @@
-//! Points with labels, several in a picture: the joints of a person, the parts of an animal. Each is a light of its own.
+//! Labelled points, several in a picture: the joints of a person, the parts of an animal. Each label is a point of its own.
 //!
-//! Whoever labels, a person or a network, takes the left knee for the right one now and then. Where two labels may be taken for each other, the
-//! spot of each stands for the other too, as second choice: it is taken where the other cameras have the point there.
+//! Labels, by a person or a neural network, confuse left and right now and then. Where two labels may be swapped, the
+//! spot of each is also a second choice for the other: it is used where the other cameras have the point there.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,18 +12,18 @@ use crate::solved::{ObservationRole, Solved};
 /// Spots of one label in one picture that are two or more say nothing.
 const ONE: usize = 1;
 
-/// Observations of one label that show the point of another one.
+/// Observations of one label that show the point of another label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Swapped {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// What they were labelled.
+    /// Their label.
     pub labelled: u32,
-    /// What they show.
+    /// The label of the point that they show.
     pub shows: u32,
-    /// How many.
+    /// Their number.
     pub count: usize,
-    /// Of so many of that label that the camera has.
+    /// Number of all observations of that label in the camera.
     pub of: usize,
 }
 
@@ -91,7 +91,7 @@ fn offer(moments: &mut [Moment], mirrored: &[[u32; 2]]) {
     }
 }
 
-/// Where the labels of `recording` are not those that `solved` has of the same pixels.
+/// Lists swapped labels: observations whose label in `recording` differs from that of the same pixels in `solved`.
 pub fn swapped(recording: &Recording, solved: &Solved) -> Vec<Swapped> {
     let bits = |it: &nalgebra::Point2<f64>| [it.x.to_bits(), it.y.to_bits()];
     let mut labels: BTreeMap<(usize, [u64; 2]), u32> = BTreeMap::new();
@@ -130,7 +130,7 @@ mod tests {
     use foveate_geometry::{Camera, CameraStatus, Freedom};
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-    use super::super::{NetworkOptions, Sought, from_nothing, recalibrate};
+    use super::super::{CalibrationTarget, NetworkOptions, from_nothing, recalibrate};
     use super::*;
     use crate::recording::{CameraGuess, Spot};
     use crate::solved::FixedFreedoms;
@@ -201,7 +201,8 @@ mod tests {
     #[test]
     fn a_walker_calibrates_from_nothing_and_swapped_sides_are_told() {
         let recording = recording();
-        let network = from_nothing(&recording, Sought::Labels { mirrored: &MIRRORED }, &solver_options()).unwrap();
+        let network =
+            from_nothing(&recording, CalibrationTarget::Labels { mirrored: &MIRRORED }, &solver_options()).unwrap();
         let found: Vec<Camera> = network.solved.cameras.iter().map(|it| it.camera.clone()).collect();
         assert!(network.solved.cameras.iter().all(|it| it.status == CameraStatus::Calibrated));
         let options = foveate_geometry::AlignmentOptions { scale: true, robust: false };
@@ -218,7 +219,7 @@ mod tests {
         assert!(of_camera(2) > 240, "{found:?}");
         assert!((0..4).filter(|it| *it != 2).all(|it| of_camera(it) < 30), "{found:?}");
         // Without knowing who may be taken for whom, they are rejected.
-        let plain = from_nothing(&recording, Sought::Labels { mirrored: &[] }, &solver_options()).unwrap();
+        let plain = from_nothing(&recording, CalibrationTarget::Labels { mirrored: &[] }, &solver_options()).unwrap();
         assert!(swapped(&recording, &plain.solved).is_empty());
         let used = |network: &super::super::SolvedNetwork| {
             network.solved.observations.iter().filter(|it| it.role == ObservationRole::Used).count()
@@ -233,7 +234,7 @@ mod tests {
             guess.camera = truth;
         }
         recording.cameras[1].camera.camera_from_world *= nalgebra::Translation3::new(0.2, 0.1, 0.0);
-        let sought = Sought::Labels { mirrored: &MIRRORED };
+        let sought = CalibrationTarget::Labels { mirrored: &MIRRORED };
         let network = recalibrate(&recording, sought, &FixedFreedoms::default(), &solver_options()).unwrap();
         assert_eq!(network.moved.iter().map(|it| it.camera).collect::<Vec<_>>(), [1]);
         let off = (network.solved.cameras[1].camera.centre() - cameras()[1].centre()).norm();

@@ -1,12 +1,12 @@
-//! From a recording of one waved light to a solved room: from nothing, or from an older calibration.
+//! From a recording of one waved light to a calibrated camera network: from nothing, or from an older calibration.
 //!
-//! 1. What cannot be a waved light is set aside ([`Cleaning`]): numbers that are none, lamps, frames that were written twice.
+//! 1. What cannot be a waved light is set aside ([`Cleaning`]): coordinates that are not finite, lamps, repeated frames.
 //! 2. Pictures are grouped by moments. One moment in ten is held out.
-//! 3. From nothing, [`foveate_geometry::self_calibrate`] finds poses and, as far as the observations hold them, optics; from an older
-//!    calibration, cameras that moved are found and placed anew ([`recalibrate`]).
-//! 4. The room is settled: pictures with several spots are decided by where the others see the light, points intersected, all
-//!    adjusted together, observations judged anew.
-//! 5. Each observation's residual is told, those of the moments that were held out apart.
+//! 3. From nothing, [`foveate_geometry::self_calibrate`] finds poses and, as far as the observations determine them, optics; from an older
+//!    calibration, cameras that moved are found and get a new pose ([`recalibrate`]).
+//! 4. The network is refined: in pictures with several spots the one that fits the other cameras is chosen, points are intersected, everything is
+//!    adjusted together, and outliers are determined again.
+//! 5. The residual of each observation is reported, with those of held-out moments apart.
 
 mod cleaning;
 mod culprits;
@@ -35,12 +35,12 @@ use self::settle::Room;
 pub use self::to_calibration::Origin;
 pub use self::unsynchronised::{NotSynchronised, SynchronisedNetwork, unsynchronised_from_nothing};
 pub use self::unsynchronised_wand::{unsynchronised_wand, wand_on_one_clock};
-use crate::cause::Culprit;
+use crate::cause::CameraFault;
 use crate::recording::{CameraGuess, Recording};
 use crate::solved::{ObservationRole, Solved, Step};
 use crate::wand::{self, LabelError, WandObservation};
 
-/// How to go about it.
+/// Options of [`from_nothing`] and [`recalibrate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetworkOptions {
     /// Of either coordinate of a right pixel, standard deviation, to begin with; what the residuals say counts in the end [px].
@@ -51,7 +51,7 @@ pub struct NetworkOptions {
     pub min_common: usize,
     /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
     pub max_focal_sigma: f64,
-    /// Whether focal lengths may be far from those given: many are tried then.
+    /// Whether focal lengths may be far from the given ones: many are then tried.
     pub focal_unknown: bool,
     /// One moment of so many is held out, drawn at random, at least 2; 0 keeps none [–].
     pub hold_out_every: usize,
@@ -67,23 +67,23 @@ impl Default for NetworkOptions {
     }
 }
 
-/// A solved room and how it came about.
+/// A calibrated camera network, and how it was solved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolvedNetwork {
     /// Cameras, path, residuals.
     pub solved: Solved,
-    /// By camera: what was set aside before.
+    /// By camera: what was set aside beforehand.
     pub cleaning: Vec<Cleaning>,
-    /// By camera: optics that were to be found and stay as given, and why.
+    /// By camera: optics that were to be found but stay as given, and why.
     pub held: Vec<Vec<OpticHeld>>,
-    /// Cameras that do not stand where the older calibration has them.
+    /// Cameras that moved since the older calibration.
     pub moved: Vec<Moved>,
     /// Of either coordinate of a right pixel, standard deviation, as the residuals have it [px].
     pub sigma_px: f64,
 }
 
 impl SolvedNetwork {
-    /// What was seen of a wand's ends in one role, for [`crate::wand::intersect`].
+    /// Observations of a wand's ends in one role, for [`crate::wand::intersect`].
     pub fn wand_observations(&self, role: ObservationRole) -> Vec<WandObservation> {
         let of_role = self.solved.observations.iter().filter(|it| it.role == role);
         let with_end = of_role.filter_map(|it| {
@@ -100,7 +100,7 @@ impl SolvedNetwork {
     }
 }
 
-/// Why a room cannot be solved.
+/// Why a camera network cannot be calibrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NetworkError {
     /// Nothing was seen.
@@ -114,7 +114,7 @@ pub enum NetworkError {
         "{seen} is the only camera that saw the light (in {camera_frames} of its pictures); expected at least two that see it together"
     )]
     OneCamera {
-        /// Which.
+        /// Name of the camera.
         seen: String,
         /// Pictures with it.
         camera_frames: usize,
@@ -127,11 +127,11 @@ pub enum NetworkError {
     },
     /// Too few cameras agree with the older calibration for it to be a start.
     #[error(
-        "{agreeing} of {cameras} cameras agree with the older calibration on where what they saw was, expected at least 2 and more than half; \
+        "{agreeing} of {cameras} cameras agree with the older calibration on the places of the light, expected at least 2 and more than half; \
          calibrate from nothing (`--from-nothing`, and `--distance A:B=LENGTH` for the scale)"
     )]
     NotThisRoom {
-        /// That agree.
+        /// Number of cameras that agree.
         agreeing: usize,
         /// That saw the light.
         cameras: usize,
@@ -146,10 +146,10 @@ pub enum NetworkError {
         best: [String; 2],
         /// Their frames.
         frames: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
-    /// A camera or a rule that cannot be used.
+    /// A camera or an option that cannot be used.
     #[error("{0}")]
     Unusable(String),
 }
@@ -161,29 +161,63 @@ const FITS: f64 = 0.9;
 /// Starts whose costs differ by less than this part have come to the same [–].
 const SAME: f64 = 0.01;
 
-/// What was waved.
+/// The object that was waved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Sought<'a> {
+pub enum CalibrationTarget<'a> {
     /// One light.
     #[default]
     Light,
-    /// Two lights on a stick, told apart by their labels or, without, by [`crate::wand::label`].
+    /// Two lights on a stick, distinguished by their labels or, without labels, by [`crate::wand::label`].
     Wand,
-    /// Several points with labels, such as the joints of a person who walks about: each a point of its own in each frame.
+    /// Several labelled points, such as the joints of a walking person: each is a point of its own in each frame.
     Labels {
-        /// Pairs of labels that whoever set them may have taken for each other, such as the left and the right knee.
+        /// Pairs of labels that may be swapped, such as the left and the right knee.
         mirrored: &'a [[u32; 2]],
     },
 }
 
-/// Solves the room of `recording`, by cameras that share a clock, without any pose to begin with. The result is up to a similarity,
-/// as [`SelfCalibration::cameras`] says.
+/// Calibrates synchronised cameras from a `recording` of a waved light or wand, without initial poses. The result is up to a similarity,
+/// as [`SelfCalibration::cameras`] says; [`axes::fix`](crate::axes::fix) makes it metric.
+///
+/// ```
+/// use foveate_calibration::network::{CalibrationTarget, NetworkOptions, from_nothing};
+/// use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
+/// use foveate_geometry::{AlignmentOptions, Camera, bundle::Freedom, camera_errors};
+/// use nalgebra::{Isometry3, Point3, Vector2};
+///
+/// // Four cameras around a light that is waved for ten seconds; pixels are off by up to 0.3 px.
+/// let camera = |at: usize| {
+///     let centre = Point3::new(3.2 * (1.5 * at as f64).cos(), 2.8 * (1.5 * at as f64).sin(), 1.8 + 0.3 * at as f64);
+///     Camera::look_at(centre, Point3::new(0.0, 0.0, 1.0), [640, 480], 520.0)
+/// };
+/// let truth: Vec<Camera> = (0..4).map(camera).collect();
+/// let camera_frames = (0..1200).map(|index| {
+///     let (camera, time_s) = (index % 4, (index / 4) as f64 / 30.0);
+///     let light = Point3::new((1.7 * time_s).sin(), (2.3 * time_s + 1.0).sin(), 1.1 + 0.7 * (3.1 * time_s).sin());
+///     let noise = 0.3 * Vector2::new((78.2 * index as f64).sin(), (39.4 * index as f64).cos());
+///     let pixel = truth[camera].sees(&light).map(|it| it + noise);
+///     let spots = pixel.map(|pixel| Spot { pixel, sigma_px: 0.3, peak: 200.0, label: None });
+///     CameraFrame { camera, time_s, spots: spots.into_iter().collect() }
+/// });
+/// let guess = |(at, it): (usize, &Camera)| CameraGuess {
+///     name: format!("wide-{at}"),
+///     camera: Camera { camera_from_world: Isometry3::identity(), ..it.clone() },
+///     free: Freedom::POSE,
+/// };
+/// let recording =
+///     Recording { cameras: truth.iter().enumerate().map(guess).collect(), camera_frames: camera_frames.collect() };
+///
+/// let network = from_nothing(&recording, CalibrationTarget::Light, &NetworkOptions::default()).expect("four cameras");
+/// let found: Vec<Camera> = network.solved.cameras.iter().map(|it| it.camera.clone()).collect();
+/// let errors = camera_errors(&found, &truth, AlignmentOptions { scale: true, robust: false }).expect("not in a row");
+/// assert!(errors.centres.iter().all(|it| *it < 0.01), "within a centimetre of the truth: {:?}", errors.centres);
+/// ```
 ///
 /// # Errors
-/// See [`NetworkError`]; cameras that cannot be calibrated beside others that can are told in their status.
+/// See [`NetworkError`]. Where only some cameras cannot be calibrated, their status gives the reason.
 pub fn from_nothing(
     recording: &Recording,
-    sought: Sought<'_>,
+    sought: CalibrationTarget<'_>,
     options: &NetworkOptions,
 ) -> Result<SolvedNetwork, NetworkError> {
     let (recording, cleaning, moments) = prepared(recording, sought)?;
@@ -220,11 +254,11 @@ pub fn from_nothing(
     // What was said of optics beside a camera at fault says nothing of the room without it.
     let held = if found.culprits.is_empty() { held } else { vec![Vec::new(); status.len()] };
     let (mut solved, sigma_px) = found.network.into_solved(&recording, &status, links);
-    solved.culprits = found.culprits;
+    solved.camera_faults = found.culprits;
     Ok(SolvedNetwork { solved, cleaning, held, moved: Vec::new(), sigma_px })
 }
 
-/// What became of each camera after the search for culprits.
+/// The status of each camera after the search for faulty cameras.
 fn take_over(status: &mut [CameraStatus], found: &culprits::Found<'_>) {
     for (camera, status) in status.iter_mut().enumerate() {
         match found.culprits.iter().find(|it| it.camera == camera) {
@@ -239,7 +273,7 @@ fn take_over(status: &mut [CameraStatus], found: &culprits::Found<'_>) {
 }
 
 /// The status of a camera that is at fault.
-fn left_out(culprit: &Culprit, moments: &[Moment]) -> CameraStatus {
+fn left_out(culprit: &CameraFault, moments: &[Moment]) -> CameraStatus {
     let common = moments.iter().filter(|it| it.views.iter().any(|it| it.camera == culprit.camera)).count();
     let right = (culprit.shares[0] * common as f64).round() as usize;
     CameraStatus::Inconsistent { best: culprit.camera, common, right }
@@ -248,18 +282,18 @@ fn left_out(culprit: &Culprit, moments: &[Moment]) -> CameraStatus {
 /// What is left of a recording after cleaning, and its moments.
 fn prepared(
     recording: &Recording,
-    sought: Sought<'_>,
+    sought: CalibrationTarget<'_>,
 ) -> Result<(Recording, Vec<Cleaning>, Vec<Moment>), NetworkError> {
     let (recording, cleaning) = match sought {
         // A joint of somebody who sits is no lamp.
-        Sought::Labels { .. } => cleaning::usable(recording),
-        Sought::Light | Sought::Wand => cleaning::cleaned(recording),
+        CalibrationTarget::Labels { .. } => cleaning::usable(recording),
+        CalibrationTarget::Light | CalibrationTarget::Wand => cleaning::cleaned(recording),
     };
     require_company(&recording, &cleaning)?;
     let moments = match sought {
-        Sought::Light => moments::of_light(&recording),
-        Sought::Labels { mirrored } => labels::moments(&recording, mirrored),
-        Sought::Wand => {
+        CalibrationTarget::Light => moments::of_light(&recording),
+        CalibrationTarget::Labels { mirrored } => labels::moments(&recording, mirrored),
+        CalibrationTarget::Wand => {
             let moment_of_frame = wand::frames_by_time(&recording, moments::tolerance_s(&recording));
             let labelled = wand::label(&recording, &moment_of_frame, &wand::LabelOptions::default());
             let labelled = labelled.map_err(|fault| match fault {
@@ -337,7 +371,7 @@ fn search(
     }
 }
 
-/// `status` with the names of the cameras it speaks of.
+/// `status` as a sentence with the names of the cameras concerned.
 pub fn in_names(status: &CameraStatus, recording: &Recording) -> String {
     status.sentence(|it| recording.name(it))
 }

@@ -1,4 +1,4 @@
-//! What was seen, light by light and moment by moment.
+//! Observations by light and by moment.
 
 use foveate_geometry::LightObservation;
 use nalgebra::Point2;

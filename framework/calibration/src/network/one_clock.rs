@@ -1,4 +1,4 @@
-//! A recording whose cameras share no clock, brought to one.
+//! A recording of unsynchronised cameras, resampled to one clock.
 
 use foveate_geometry::CameraStatus;
 
@@ -8,21 +8,21 @@ use crate::clocks::{ClockError, ClockStatus};
 use crate::recording::Recording;
 use crate::solved::ClockFit;
 
-/// A recording at moments that all cameras share, and the clocks that brought it there.
+/// A recording resampled to common moments, and the clocks used for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneClock {
     /// In the room's time; cameras without a clock show nothing.
     pub recording: Recording,
-    /// By camera: its clock against the room's; `None` where it is not determined.
+    /// By camera: its clock relative to the reference; `None` where it is not determined.
     pub clocks: Vec<Option<ClockFit>>,
-    /// By camera: what became of its clock.
+    /// By camera: the status of its clock.
     pub status: Vec<ClockStatus>,
     /// The camera whose clock is the room's.
     pub reference: usize,
 }
 
 impl OneClock {
-    /// The room that was solved from [`OneClock::recording`]: its cameras carry their clocks, and those without one say why.
+    /// Adds the clocks to the network that was solved from [`OneClock::recording`]; cameras without a clock get the reason as status.
     pub fn of_room(&self, mut network: SolvedNetwork) -> SynchronisedNetwork {
         for (camera, (clock, status)) in network.solved.cameras.iter_mut().zip(self.clocks.iter().zip(&self.status)) {
             camera.clock = *clock;

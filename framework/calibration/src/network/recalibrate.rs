@@ -1,4 +1,4 @@
-//! An older calibration and new observations: who moved, and where everybody stands now.
+//! Recalibration from an older calibration and new observations: which cameras moved, and where all cameras are now.
 
 use foveate_estimation::{Loss, Random};
 use foveate_geometry::triangulate::triangulate_rays;
@@ -9,20 +9,20 @@ use super::cleaning::Cleaning;
 use super::culprits::Repair;
 use super::moments::Moment;
 use super::settle::Room;
-use super::{NetworkError, NetworkOptions, SolvedNetwork, Sought, culprits, prepared, take_over};
+use super::{CalibrationTarget, NetworkError, NetworkOptions, SolvedNetwork, culprits, prepared, take_over};
 use crate::axes::transformed;
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 use crate::recording::Recording;
 use crate::solved::{FixedFreedoms, Solved};
 
-/// A camera that does not stand where it stood.
+/// A camera that moved since the older calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moved {
-    /// Which.
+    /// Index of the camera.
     pub camera: usize,
     /// Distance of its centre from where it was [m, or the unit of the older calibration].
     pub distance: f64,
-    /// Angle between how it looked and looks [rad].
+    /// Angle between its old and new orientation [rad].
     pub angle_rad: f64,
     /// How far off its observations are under the older calibration, median [px].
     pub before_px: f64,
@@ -45,14 +45,14 @@ const FEW: usize = 8;
 /// Observations that it takes to speak of a camera.
 const LEAST_OBSERVATIONS: usize = 10;
 
-/// Adjusts the calibration that `recording.cameras` hold to what the recording shows. Scale, axes and origin stay those of the cameras
-/// that did not move; `fixed` is what fixes them.
+/// Adjusts the older calibration in `recording.cameras` to the recording. Scale, axes and origin stay those of the cameras
+/// that did not move; `fixed` says what fixes them.
 ///
 /// # Errors
 /// See [`NetworkError`].
 pub fn recalibrate(
     recording: &Recording,
-    sought: Sought<'_>,
+    sought: CalibrationTarget<'_>,
     fixed: &FixedFreedoms,
     options: &NetworkOptions,
 ) -> Result<SolvedNetwork, NetworkError> {
@@ -79,8 +79,8 @@ pub fn recalibrate(
     take_over(&mut status, &found);
     let network = found.network;
     let stayed = who_stayed(&network, &given, network.pixel_sigma().unwrap_or(options.sigma_px));
-    let is_told = |camera: usize| told.iter().any(|it: &Culprit| it.camera == camera);
-    let mut culprits: Vec<Culprit> = found.culprits.into_iter().filter(|it| !is_told(it.camera)).collect();
+    let is_told = |camera: usize| told.iter().any(|it: &CameraFault| it.camera == camera);
+    let mut culprits: Vec<CameraFault> = found.culprits.into_iter().filter(|it| !is_told(it.camera)).collect();
     culprits.extend(told);
     let (solved, sigma_px) = network.into_solved(&recording, &status, Vec::new());
     let mut solved = transformed(&solved, &stayed.given_from_found, fixed.clone());
@@ -97,7 +97,7 @@ pub fn recalibrate(
         }
     }
     culprits.extend(explained(&moved, &given, &solved));
-    solved.culprits = culprits;
+    solved.camera_faults = culprits;
     Ok(SolvedNetwork { solved, cleaning, held: vec![Vec::new(); given.len()], moved, sigma_px })
 }
 
@@ -126,7 +126,7 @@ fn adjusted<'a>(
     if let ([a, b], true) = (&recording.cameras[..], seeing < 2) {
         let [a, b] = [&a.name, &b.name];
         return Err(NetworkError::Unusable(format!(
-            "so few pictures of {a} and {b} alone tell neither which of the two was moved nor how far apart they are: measure that, and calibrate from nothing: \
+            "with so few pictures of {a} and {b} alone, neither which of the two moved nor their distance can be determined: measure the distance, and calibrate from nothing: \
              `--from-nothing --distance {a}:{b}=LENGTH`, as `0.35m`"
         )));
     }
@@ -162,7 +162,7 @@ const SAME_CENTRE: f64 = 0.05;
 
 /// What those that do not stand where they stood have in common with where cameras stood: two that changed places are two names exchanged,
 /// one that rolled by half is upside down. A camera of which neither is so was moved.
-fn explained(moved: &[Moved], given: &[Camera], solved: &Solved) -> Vec<Culprit> {
+fn explained(moved: &[Moved], given: &[Camera], solved: &Solved) -> Vec<CameraFault> {
     let n = given.len() as f64;
     let middle = given.iter().fold(Vector3::zeros(), |sum, it| sum + it.centre().coords / n);
     let size = (given.iter().map(|it| (it.centre().coords - middle).norm_squared()).sum::<f64>() / n).sqrt();
@@ -187,7 +187,7 @@ fn explained(moved: &[Moved], given: &[Camera], solved: &Solved) -> Vec<Culprit>
             None => Cause::Moved { at_s: None, shift_px: it.before_px, turn: it.angle_rad, distance: it.distance },
         }
     };
-    moved.iter().map(|it| Culprit { camera: it.camera, cause: cause(it), shares: [0.0, 1.0] }).collect()
+    moved.iter().map(|it| CameraFault { camera: it.camera, cause: cause(it), shares: [0.0, 1.0] }).collect()
 }
 
 /// Takes the pose from one camera after the other that agrees least with the rest, until all that remain agree.
@@ -262,13 +262,13 @@ fn put_right(
     moments: &[Moment],
     options: &NetworkOptions,
     before: usize,
-) -> Option<(Vec<Moment>, Vec<Culprit>)> {
+) -> Option<(Vec<Moment>, Vec<CameraFault>)> {
     let n = recording.cameras.len();
     let size = |camera: usize| recording.cameras[camera].camera.image_size;
-    let culprit = |camera: usize, cause: Cause| Culprit { camera, cause, shares: [0.0, 1.0] };
+    let culprit = |camera: usize, cause: Cause| CameraFault { camera, cause, shares: [0.0, 1.0] };
     let mirror = |camera: usize| Repair::Mirror { camera, width: size(camera)[0] };
     let all_mirrored = (0..n).map(|it| culprit(it, Cause::Mirrored)).collect();
-    let mut tried: Vec<(Vec<Repair>, Vec<Culprit>)> = vec![((0..n).map(mirror).collect(), all_mirrored)];
+    let mut tried: Vec<(Vec<Repair>, Vec<CameraFault>)> = vec![((0..n).map(mirror).collect(), all_mirrored)];
     for a in (0..n).filter(|_| n <= FEW) {
         for b in (a + 1..n).filter(|b| size(*b) == size(a)) {
             let swapped = |camera: usize, with: usize| culprit(camera, Cause::Swapped { with, since_s: None });
@@ -276,11 +276,11 @@ fn put_right(
             tried.push((vec![exchange], vec![swapped(a, b), swapped(b, a)]));
         }
     }
-    let agreeing = |moments: &[Moment], told: &[Culprit]| {
+    let agreeing = |moments: &[Moment], told: &[CameraFault]| {
         let mut network = Room::new(recording, moments.to_vec(), options);
         network.cameras = recording.cameras.iter().map(|it| Some(it.camera.clone())).collect();
         drop_strangers(&mut network, options);
-        let stands = |it: &Culprit| network.cameras[it.camera].is_some();
+        let stands = |it: &CameraFault| network.cameras[it.camera].is_some();
         let seen = |camera: usize| moments.iter().any(|it| it.views.iter().any(|it| it.camera == camera));
         let all = told.iter().all(|it| stands(it) || !seen(it.camera));
         if all { network.cameras.iter().flatten().count() } else { 0 }

@@ -1,4 +1,4 @@
-//! A room whose cameras are nearly right: spots chosen, points intersected, all adjusted, observations judged, in rounds.
+//! Refines a network whose cameras are nearly right, in rounds: spots chosen, points intersected, everything adjusted, outliers determined.
 
 use foveate_estimation::{Loss, Random};
 use foveate_geometry::bundle::{self, CameraCovariance, Freedom, OpticsPrior, OpticsSigma};
@@ -22,7 +22,7 @@ const LEAST_SIGMA_PX: f64 = 0.005;
 const HELD_TURN: f64 = 0.03;
 const HELD_FOCAL: f64 = 0.03;
 
-/// So many times less well known is a room beside which a camera that was moved is looked for [–].
+/// A moved camera is searched in a network that is this many times less well known [–].
 const LOOSE: f64 = 4.0;
 
 /// What is known of a [`Moment`].
@@ -344,7 +344,7 @@ impl<'a> Room<'a> {
         let fixed = FixedFreedoms::default();
         let asked = recording.cameras.iter().map(|it| it.free).collect();
         let solved =
-            Solved { cameras, points, observations, steps: self.steps, links, fixed, asked, culprits: Vec::new() };
+            Solved { cameras, points, observations, steps: self.steps, links, fixed, asked, camera_faults: Vec::new() };
         (solved, sigma_px)
     }
 }

@@ -1,4 +1,4 @@
-//! A solved room as a calibration: cameras by name, with uncertainty and provenance.
+//! A solved camera network as a calibration: cameras by name, with uncertainty and provenance.
 
 use foveate_estimation::statistics::median;
 use foveate_geometry::CameraStatus;
@@ -8,7 +8,7 @@ use foveate_scene::{
 
 use crate::solved::{ObservationRole, Solved, SolvedCamera};
 
-/// Where a calibration comes from.
+/// Provenance of a calibration.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Origin {
     /// Program and method.

@@ -1,4 +1,4 @@
-//! From nothing, by cameras that share no clock.
+//! Calibration of unsynchronised cameras from nothing.
 
 use foveate_geometry::CameraStatus;
 use foveate_geometry::bundle::Freedom;
@@ -6,26 +6,26 @@ use foveate_geometry::bundle::Freedom;
 use super::moments::of_frames;
 use super::settle::Room;
 use super::{NetworkError, NetworkOptions, SolvedNetwork, cleaning, culprits, require_company, take_over};
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 use crate::clocks::{ClockError, ClockOptions, ClockStatus, FrameOptions, Synchronised, frames, synchronise};
 use crate::recording::Recording;
 use crate::solved::Step;
 
-/// A room and the clocks of its cameras.
+/// A calibrated network of unsynchronised cameras, and their clocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SynchronisedNetwork {
     /// Its cameras carry their clocks.
     pub network: SolvedNetwork,
-    /// By camera: what became of its clock.
+    /// By camera: the status of its clock.
     pub clocks: Vec<ClockStatus>,
     /// The camera whose clock is the room's.
     pub reference: usize,
 }
 
-/// Why there is none.
+/// Why unsynchronised cameras could not be calibrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NotSynchronised {
-    /// The room cannot be solved, whatever the clocks.
+    /// The network cannot be calibrated, whatever the clocks.
     #[error(transparent)]
     Room(#[from] NetworkError),
     /// The clocks cannot be found.
@@ -70,8 +70,8 @@ pub fn unsynchronised_from_nothing(
     let Some(found) = found else { unreachable!("a room that stands stays one") };
     take_over(&mut status, &found);
     let (mut solved, sigma_px) = found.network.into_solved(&recording, &status, Vec::new());
-    solved.culprits = found.culprits;
-    solved.culprits.extend(mirrored);
+    solved.camera_faults = found.culprits;
+    solved.camera_faults.extend(mirrored);
     for (camera, clock) in solved.cameras.iter_mut().zip(clocks) {
         camera.clock = clock;
     }
@@ -88,7 +88,7 @@ pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
     match of_clock {
         ClockStatus::Reference | ClockStatus::Found { .. } => CameraStatus::Calibrated,
         ClockStatus::NoPose { status } => status.clone(),
-        ClockStatus::NotTold { other, .. } => CameraStatus::ClockOpen { best: Some(*other) },
+        ClockStatus::Undetermined { other, .. } => CameraStatus::ClockOpen { best: Some(*other) },
         ClockStatus::Separate { group } => CameraStatus::Separate { group: group.clone() },
         ClockStatus::TooFewViews { moments, needed } => {
             CameraStatus::TooFewObservations { frames: *moments, needed: *needed }
@@ -100,7 +100,7 @@ pub(super) fn why_left_out(of_clock: &ClockStatus) -> CameraStatus {
 }
 
 /// Of the cameras that fit nowhere those whose clock is found once their picture is turned left to right.
-fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptions) -> Vec<Culprit> {
+fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptions) -> Vec<CameraFault> {
     let fits_nowhere = |it: &usize| {
         matches!(
             status[*it],
@@ -118,5 +118,5 @@ fn mirrored(recording: &Recording, status: &[CameraStatus], options: &ClockOptio
     };
     let candidates = (0..status.len()).filter(fits_nowhere).take(TURNED);
     let found: Vec<usize> = candidates.filter(is_found).collect();
-    found.into_iter().map(|camera| Culprit { camera, cause: Cause::Mirrored, shares: [0.0, 1.0] }).collect()
+    found.into_iter().map(|camera| CameraFault { camera, cause: Cause::Mirrored, shares: [0.0, 1.0] }).collect()
 }

@@ -1,8 +1,8 @@
-//! A wand waved before cameras that share no clock.
+//! Calibration of unsynchronised cameras from a waved wand.
 //!
-//! Both ends are paths of one clock each camera: the path of one end, and after it that of the other, is what clocks are found from. Where
-//! a detector does not tell the ends apart, each camera's are followed from picture to picture (`following`); the middle between them, which
-//! is nearly that of the wand, gives clocks that are good enough for [`crate::wand::label`] to say which are the same, and these give the clocks.
+//! Clocks are found from the path of one end and, appended to it, that of the other. Where
+//! a detector does not distinguish the ends, each camera's are tracked from picture to picture (`following`); the middle between them, which
+//! is nearly that of the wand, gives clocks that are good enough for [`crate::wand::label`] to match the ends, and these give the clocks.
 
 mod following;
 
@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 
 use self::following::follow;
 use super::{
-    NetworkError, NetworkOptions, NotSynchronised, OneClock, Sought, SynchronisedNetwork, cleaning, from_nothing,
-    require_company,
+    CalibrationTarget, NetworkError, NetworkOptions, NotSynchronised, OneClock, SynchronisedNetwork, cleaning,
+    from_nothing, require_company,
 };
 use crate::clocks::{ClockError, ClockOptions, FrameOptions, Synchronised, in_turn, on_one_clock, synchronise};
 use crate::recording::{CameraFrame, CameraGuess, Recording, Spot};
@@ -38,7 +38,7 @@ pub fn unsynchronised_wand(
     let (recording, cleaning) = cleaning::cleaned(recording);
     require_company(&recording, &cleaning)?;
     let shared = wand_on_one_clock(&recording, clock_options)?.if_several()?;
-    let mut network = from_nothing(&shared.recording, Sought::Wand, options)?;
+    let mut network = from_nothing(&shared.recording, CalibrationTarget::Wand, options)?;
     network.cleaning = cleaning;
     Ok(shared.of_room(network))
 }

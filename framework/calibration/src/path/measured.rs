@@ -1,4 +1,4 @@
-//! A path that was measured by another system, between its rows and at them.
+//! A path measured by another system, with interpolation between its rows.
 //!
 //! Between two rows the path is a cubic (Hermite) whose slopes are those of the parabola through three neighbours: at 5 Hz and 5 m/s²
 //! a straight line would be off by 25 mm. Across a gap in the rows there is no path.
@@ -25,18 +25,18 @@ pub struct MeasuredPath {
     left_out: usize,
 }
 
-/// Why a path is none.
+/// Why rows do not make a usable path.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MeasuredPathError {
-    /// Too few rows with numbers and times of their own.
-    #[error("the path has {found} rows with numbers and a time of their own, expected at least {LEAST_ROWS}")]
+    /// Too few rows with finite numbers and distinct times.
+    #[error("the path has {found} rows with finite numbers and distinct times, expected at least {LEAST_ROWS}")]
     TooFewRows {
-        /// How many.
+        /// Number that was found.
         found: usize,
     },
     /// It does not move.
     #[error(
-        "the path stands still: it reaches {reach_m:.3} m, which is no more than its own noise ({noise_m:.4} m); move it through the whole volume"
+        "the path does not move: it extends over {reach_m:.3} m, no more than its own noise ({noise_m:.4} m); move the point through the whole volume"
     )]
     Still {
         /// Standard deviation along its longest axis [m].
@@ -46,7 +46,7 @@ pub enum MeasuredPathError {
     },
     /// It moves along a line.
     #[error(
-        "the path lies on a line ({along_m:.3} m along it, {across_m:.4} m across): a camera may be turned about it at will; move it sideways and up \
+        "the path lies on a line ({along_m:.3} m along it, {across_m:.4} m across): a camera may be rotated about it freely; move the point sideways and up \
          and down as well"
     )]
     Line {
@@ -58,7 +58,7 @@ pub enum MeasuredPathError {
 }
 
 impl MeasuredPath {
-    /// From rows of time [s] and place [m] in any order; those without numbers and those of a time that another row has are left out.
+    /// From rows of time [s] and place [m] in any order; rows without finite numbers and rows with a repeated time are left out.
     ///
     /// # Errors
     /// See [`MeasuredPathError`].
@@ -108,12 +108,12 @@ impl MeasuredPath {
         self.times_s.len()
     }
 
-    /// Whether it has no rows, which cannot be.
+    /// Always `false`: a path has rows.
     pub fn is_empty(&self) -> bool {
         self.times_s.is_empty()
     }
 
-    /// Rows without numbers, or of a time that another one has.
+    /// Rows left out: without finite numbers, or with a repeated time.
     pub fn left_out(&self) -> usize {
         self.left_out
     }

@@ -1,14 +1,14 @@
-//! Cameras from a path that another system measured: RTK, a total station, a tracker. Clocks are not shared.
+//! Calibration of unsynchronised cameras from a path that another system measured: RTK, a total station, a tracker.
 //!
 //! 1. [`table`] reads the path; [`MeasuredPath`] is the path between its rows.
 //! 2. For each camera alone, every offset that its clock can have against the path's is searched, with all poses that three observations
 //!    give (RANSAC). Windows of the recording keep drifting clocks apart.
 //! 3. The best of them are refined over the whole recording: pose, optics as far as they are free, offset and rate of the clock, under Cauchy's
 //!    loss. Blocks of observations are held out.
-//! 4. A camera is believed when enough of what it saw agrees, no other offset and no reversed pose does nearly as well, held out observations
-//!    fit, and its pose is well determined. Any other is refused with its reason, and nothing is said of where it stands.
+//! 4. A camera is accepted when enough of its observations agree, no other offset and no reversed pose fits nearly as well, held-out observations
+//!    fit, and its pose is well determined. Any other camera is refused with the reason, and gets no pose.
 //!
-//! The session's time is the path's, from the first that any camera or the path has: see [`PathRoom::session_from_s`].
+//! The session's time is the path's, from the first that any camera or the path has: see [`PathNetwork::session_from_s`].
 
 mod camera;
 mod measured;
@@ -34,12 +34,12 @@ use crate::network::{Cleaning, cleaned};
 use crate::recording::Recording;
 use crate::solved::{ClockFit, FixedFreedoms, ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint};
 
-/// How to go about it.
+/// Options of [`calibrate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathOptions {
     /// An observation agrees with the path when at most this far off, or three standard deviations of what agrees where that is more [px].
     pub inlier_px: f64,
-    /// But never further off than this, as an angle: marks by hand, an antenna beside the marked centre and the lens add up to it [rad].
+    /// But never further off than this, as an angle: the sum of marking by hand, an antenna beside the marked centre, and the lens [rad].
     pub agree_rad: f64,
     /// Observations that fall on the path, at least [–].
     pub min_observations: usize,
@@ -47,7 +47,7 @@ pub struct PathOptions {
     pub least_share: f64,
     /// One with a smaller share is usable at best [–].
     pub good_share: f64,
-    /// Whether nothing is known of focal lengths that are free: many are tried then.
+    /// Whether free focal lengths are unknown: many are then tried.
     pub focal_unknown: bool,
     /// Of the random draws.
     pub seed: u64,
@@ -69,12 +69,12 @@ impl Default for PathOptions {
 
 /// Cameras calibrated from a path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PathRoom {
+pub struct PathNetwork {
     /// Cameras, the path where each saw it, residuals; in the world and the metres of the path. Cameras that were refused are not calibrated.
     pub solved: Solved,
     /// By camera: figures, or why it is not calibrated.
     pub cameras: Vec<Result<PathCamera, Refusal>>,
-    /// By camera: what was set aside before.
+    /// By camera: what was set aside beforehand.
     pub cleaning: Vec<Cleaning>,
     /// The path's time at which the session begins [s]: the first time of the path and of the pictures of any camera.
     pub session_from_s: f64,
@@ -84,7 +84,7 @@ pub struct PathRoom {
     pub other_hand: bool,
 }
 
-/// What is known of a camera that was calibrated.
+/// Details of a camera that was calibrated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathCamera {
     /// Observations that agree with the path [–].
@@ -99,7 +99,7 @@ pub struct PathCamera {
     pub held_out_px: [f64; 2],
     /// Path time = `offset_s` + (1 + `drift`) · camera time [s].
     pub offset_s: f64,
-    /// See there [–]; 0 where it cannot be told from none.
+    /// Drift of the clock, see `offset_s` [–]; 0 where it is not significant.
     pub drift: f64,
     /// Standard deviation of the offset in the middle of what the camera saw [s].
     pub offset_sigma_s: f64,
@@ -113,7 +113,7 @@ pub struct PathCamera {
     pub turn_sigma: f64,
     /// Median distance of what it saw [m].
     pub depth_m: f64,
-    /// Optics that were to be found and stay as given, by name.
+    /// Optics that were to be found but stay as given, by name.
     pub held: Vec<String>,
 }
 
@@ -124,8 +124,9 @@ impl PathCamera {
     }
 }
 
-/// Calibrates each camera of `recording` against `path`.
-pub fn calibrate(recording: &Recording, path: &MeasuredPath, options: &PathOptions) -> PathRoom {
+/// Calibrates each camera of `recording` against `path` [m]: pose, free optics, and offset and drift of its clock. Each camera is accepted or refused
+/// with a reason of its own.
+pub fn calibrate(recording: &Recording, path: &MeasuredPath, options: &PathOptions) -> PathNetwork {
     let (recording, cleaning) = cleaned(recording);
     let middle = path.middle();
     let centred = path.seen_from(&middle);
@@ -177,7 +178,7 @@ pub fn calibrate(recording: &Recording, path: &MeasuredPath, options: &PathOptio
         solved.cameras.push(camera);
     }
     let cameras = found.into_iter().map(|it| it.map(|it| figures(&it, &centred))).collect();
-    PathRoom { solved, cameras, cleaning, session_from_s, path_start_s: path_from_s - session_from_s, other_hand }
+    PathNetwork { solved, cameras, cleaning, session_from_s, path_start_s: path_from_s - session_from_s, other_hand }
 }
 
 /// Root of the largest variance.
@@ -269,8 +270,8 @@ fn observe(
     }
 }
 
-/// How far a camera that was calibrated before is from what it saw, at its best clock: median of what the new one holds right [px].
-pub fn error_of_older(network: &PathRoom, camera: usize, older: &foveate_geometry::Camera) -> Option<f64> {
+/// Error of an older calibration of `camera` at its best clock: median residual over the observations that the new one accepts [px].
+pub fn error_of_older(network: &PathNetwork, camera: usize, older: &foveate_geometry::Camera) -> Option<f64> {
     let own =
         network.solved.observations.iter().filter(|it| it.camera == camera && it.role != ObservationRole::Rejected);
     let errors: Vec<f64> = own

@@ -2,7 +2,7 @@
 
 use foveate_geometry::Optic;
 
-/// Why nothing is written of a camera.
+/// Why a camera was refused, with the remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// It saw too little.
@@ -10,7 +10,7 @@ pub enum Refusal {
     TooFew {
         /// Pictures with the point.
         seen: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
     /// What it saw does not move.
@@ -19,12 +19,12 @@ pub enum Refusal {
         /// Standard deviation of the pixels [px].
         spread_px: f64,
     },
-    /// Of no offset of the clocks there are enough pictures that fall on the path.
+    /// At no clock offset do enough pictures fall on the path.
     #[error("at no offset of its clock do {needed} of its {seen} observations meet the path")]
     NoOverlap {
         /// Observations.
         seen: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
     /// No pose and clock explain enough.
@@ -56,7 +56,7 @@ pub enum Refusal {
     /// Two offsets of the clock explain what it saw.
     #[error(
         "its clock is ambiguous: {:.0} % of its observations agree with the path at an offset of {offset_s:+.2} s and {:.0} % at {other_s:+.2} s; \
-         let the path change, a loop that is repeated looks the same each time", 100.0 * share, 100.0 * other_share
+         vary the path, since a repeated loop looks the same each time", 100.0 * share, 100.0 * other_share
     )]
     ClockAmbiguous {
         /// Path time less camera time [s].
@@ -81,7 +81,7 @@ pub enum Refusal {
     },
     /// What it saw leaves the pose open, or nearly.
     #[error(
-        "what it saw fixes its place to {centre_m:.3} m and its direction to {turn_mrad:.1} mrad only (the path was {depth_m:.1} m away): move the point \
+        "its observations fix its place only to {centre_m:.3} m and its direction to {turn_mrad:.1} mrad (the path was {depth_m:.1} m away): move the point \
          all over its picture, near and far"
     )]
     Weak {
@@ -94,7 +94,7 @@ pub enum Refusal {
     },
     /// The pose is open.
     #[error(
-        "the part of the path that it saw leaves its pose open: it is {across_m:.3} m wide and {along_m:.3} m long; move the point all over its picture"
+        "the part of the path that it saw does not determine its pose: it is {across_m:.3} m wide and {along_m:.3} m long; move the point all over its picture"
     )]
     Open {
         /// Standard deviation along the longest axis of what it saw [m].
@@ -102,17 +102,17 @@ pub enum Refusal {
         /// Across it [m].
         across_m: f64,
     },
-    /// Its focal length cannot be told.
-    #[error("its {optic} is known to {:.1} % only: give its optics, or move the point nearer to it and farther away", 100.0 * sigma)]
+    /// Its focal length is too uncertain.
+    #[error("its {optic} is known only to {:.1} %: give its optics, or move the point nearer to it and farther away", 100.0 * sigma)]
     OpticOpen {
-        /// Which.
+        /// The parameter concerned.
         optic: Optic,
         /// Standard deviation, relative [–].
         sigma: f64,
     },
     /// Observations that were held out disagree.
     #[error(
-        "observations that were held out are {held_out_px:.1} px off, those that were used {used_px:.1} px: what was found holds for a part of the time only"
+        "observations that were held out are {held_out_px:.1} px off, those that were used {used_px:.1} px: the solution holds only for a part of the time"
     )]
     HeldOut {
         /// Median of those held out [px].

@@ -1,4 +1,4 @@
-//! Where a camera may stand and what its clock may show, when nothing is known of either: every offset that a recording can have.
+//! Searches pose and clock offset of a camera when neither is known: over all possible offsets of a recording.
 //!
 //! For offsets a step apart, poses of three observations each, drawn at random, are tried on the others (RANSAC, in the ideal picture of
 //! focal length 1, where a trial costs little). The step is such that the point hardly moves in it. Clocks that run up to

@@ -40,7 +40,7 @@ const HEIGHT: [&str; 8] = ["height", "alt", "altitude", "h", "ele", "elevation",
 const LENGTHS: [(&str, f64); 5] = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("ft", 0.3048), ("km", 1e3)];
 const TIMES: [(&str, f64); 5] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60.0)];
 
-/// What the file itself does not say.
+/// What the file does not state itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TableOptions {
     /// Rows a second, where the file has no times [Hz].
@@ -55,16 +55,16 @@ impl Default for TableOptions {
     }
 }
 
-/// A path as it stands in a file.
+/// A path as read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathTable {
     /// Times [s] and places [m].
     pub rows: Vec<(f64, Point3<f64>)>,
-    /// What to know: columns that were passed over, where geodetic coordinates have their origin, rows without numbers.
+    /// Remarks: ignored columns, the origin of geodetic coordinates, rows without numbers.
     pub notes: Vec<String>,
 }
 
-/// A file that is not understood.
+/// A file that cannot be read as a path.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}found {found}, expected {expected}", line.map_or(String::new(), |it| format!("line {it}: ")))]
 pub struct TableError {
@@ -191,12 +191,12 @@ pub fn parse(text: &str, options: &TableOptions) -> Result<PathTable, TableError
     without_numbers += table.rows.iter().filter(|it| !(it.0.is_finite() && it.1.coords.norm().is_finite())).count();
     if without_numbers > 0 {
         table.notes.push(format!(
-            "{without_numbers} of {} rows of the path have no place: nothing is made of them",
+            "{without_numbers} of {} rows of the path have no coordinates and are ignored",
             table.rows.len()
         ));
     }
     if !columns.passed_over.is_empty() {
-        table.notes.push(format!("columns of the path that were passed over: {}", columns.passed_over.join(", ")));
+        table.notes.push(format!("ignored columns of the path: {}", columns.passed_over.join(", ")));
     }
     Ok(table)
 }
@@ -421,7 +421,7 @@ mod tests {
         }
         let quoted = "\"time\",\"x\",y,z,\"note; or, more\"\n1,2,\"3\",4,\"a, b\"\n1.5, \"2.5\",3.5,4.5,\"c; d\"\n";
         assert_eq!(read(quoted).rows, expected);
-        assert!(read("time,x,y,z,q\n1,2,3,4,5\n").notes[0].contains("passed over: q"));
+        assert!(read("time,x,y,z,q\n1,2,3,4,5\n").notes[0].ends_with(": q"));
         let in_mm = parse("1,2,3\n4,5,6\n", &TableOptions { rate_hz: Some(4.0), metres_per_unit: 1e-3 }).unwrap();
         assert_eq!(in_mm.rows[1], (0.25, Point3::new(4e-3, 5e-3, 6e-3)));
     }

@@ -129,13 +129,13 @@ fn recording(simulated: &[Simulated], path: &impl Fn(f64) -> Point3<f64>) -> Rec
     Recording { cameras, camera_frames }
 }
 
-fn solve(simulated: &[Simulated]) -> PathRoom {
+fn solve(simulated: &[Simulated]) -> PathNetwork {
     let path = |time_s: f64| flight(1, time_s);
     calibrate(&recording(simulated, &path), &MeasuredPath::new(&rows(80.0, path)).unwrap(), &PathOptions::default())
 }
 
 #[track_caller]
-fn assert_found(network: &PathRoom, index: usize, truth: &Simulated) {
+fn assert_found(network: &PathNetwork, index: usize, truth: &Simulated) {
     let found = network.cameras[index].as_ref().unwrap_or_else(|it| panic!("cam{index}: {it}"));
     let camera = &network.solved.cameras[index];
     let off = (camera.camera.centre() - truth.camera.centre()).norm();

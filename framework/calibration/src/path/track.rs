@@ -1,4 +1,4 @@
-//! What one camera saw of the point, thinned to what tells something: a point that stands still for minutes tells where it stands once.
+//! Observations of the point by one camera, thinned: a point that stands still for minutes gives one observation.
 
 use foveate_estimation::statistics::median;
 use foveate_geometry::Camera;
@@ -27,7 +27,7 @@ pub(super) struct Seen {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Track {
     pub seen: Vec<Seen>,
-    /// Pictures in which it could not be told which spot is the point.
+    /// Pictures in which it is ambiguous which spot is the point.
     pub ambiguous: usize,
     /// Median speed of the point in the picture, where it moves [px/s].
     pub speed_px_s: f64,

@@ -1,6 +1,6 @@
-//! Whether to work with cameras that were calibrated from a path, in words and for programs.
+//! Verdict on cameras that were calibrated from a path, in words and for programs.
 
-use super::{PathCamera, PathOptions, PathRoom, Refusal};
+use super::{PathCamera, PathNetwork, PathOptions, Refusal};
 use crate::checks::Level;
 
 /// A camera is good when its centre is known to this part of its distance, and its direction to so much [–, rad].
@@ -10,7 +10,7 @@ const GOOD_HELD_OUT: (f64, f64) = (1.5, 0.5);
 /// A clock that is off by so many of its standard deviations in a part of the recording, and by so much, is not steady [–, s].
 const UNSTEADY: (f64, f64) = (4.0, 0.02);
 
-/// One thing that was found, for programs.
+/// One finding, for programs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// Name of the camera; `None` where it is of all.
@@ -25,10 +25,10 @@ pub struct Finding {
     pub level: Level,
 }
 
-/// How good it is, and why.
+/// The level of a calibration from a path, and the reasons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathVerdict {
-    /// How good the calibration is, of those cameras that it has.
+    /// The level of the calibrated cameras.
     pub level: Level,
     /// By camera, in order: its own level.
     pub levels: Vec<Level>,
@@ -38,7 +38,7 @@ pub struct PathVerdict {
     pub findings: Vec<Finding>,
 }
 
-impl PathRoom {
+impl PathNetwork {
     /// Whether to work with it: `redo` where no camera was found, `usable` where one was refused.
     pub fn verdict(&self, options: &PathOptions) -> PathVerdict {
         let mut verdict =
@@ -77,7 +77,7 @@ impl PathRoom {
         if verdict.sentences.is_empty() {
             verdict
                 .sentences
-                .push("All cameras agree with the path, and nothing else explains what they saw.".to_owned());
+                .push("All cameras agree with the path, and no other solution explains their observations.".to_owned());
         }
         verdict
     }
@@ -108,7 +108,7 @@ impl PathVerdict {
         if camera.share() < options.good_share {
             let wrong = 100.0 * (1.0 - camera.share());
             self.sentences.push(format!(
-                "Of camera {name}, {wrong:.0} % of the observations are more than {:.1} px from the path: look whether they are of the same point.",
+                "Of camera {name}, {wrong:.0} % of the observations are more than {:.1} px from the path: check that they show the same point.",
                 camera.limit_px
             ));
             self.find(name, "false_observations", 1.0 - camera.share(), "1", Level::Usable);
@@ -117,8 +117,8 @@ impl PathVerdict {
         let usual_px = options.inlier_px;
         if used_px > usual_px {
             self.sentences.push(format!(
-                "Camera {name} is {used_px:.1} px off in the median, with {:.0} % of its observations taken as right: its clock, its lens or the pictures' \
-                 shutter is not as it is taken to be.",
+                "Camera {name} is {used_px:.1} px off in the median, with {:.0} % of its observations accepted: its clock, lens or \
+                 shutter differs from its model.",
                 100.0 * camera.share()
             ));
             self.find(name, "fits_badly", used_px, "px", Level::Usable);
@@ -134,15 +134,15 @@ impl PathVerdict {
             && shift_s.abs() > UNSTEADY.0 * sigma_s
         {
             self.sentences.push(format!(
-                "The clock of camera {name} is not steady: in a part of the recording it is {:.0} ms off its mean rate, as with a variable frame rate; \
-                 record at a constant one, or take the times that the file states of each picture.",
+                "The clock of camera {name} is unsteady: in a part of the recording it is {:.0} ms off its mean rate, as with a variable frame rate; \
+                 record at a constant one, or use the times of each picture from the file.",
                 1e3 * shift_s.abs()
             ));
             self.find(name, "clock_unsteady", shift_s.abs(), "s", Level::Usable);
         }
         if camera.centre_sigma_m > GOOD_POSE[0] * camera.depth_m || camera.turn_sigma > GOOD_POSE[1] {
             self.sentences.push(format!(
-                "Camera {name} is known to {:.2} m and {:.1} mrad only, with the path {:.0} m away: move the point all over its picture, near and far.",
+                "Camera {name} is known only to {:.2} m and {:.1} mrad, with the path {:.0} m away: move the point all over its picture, near and far.",
                 camera.centre_sigma_m,
                 1e3 * camera.turn_sigma,
                 camera.depth_m

@@ -1,8 +1,8 @@
 //! A camera that was moved during the recording: two poses, one before and one after a moment, with the same optics, in a room that is adjusted
 //! with all other cameras at once.
 //!
-//! A room of few cameras whose optics are free bends until a shift of some pixels shows in no camera's residuals. So a second pose is not looked for beside points
-//! that the others give, but with everything else free to follow it: first to first order, for each camera and each moment (the score test),
+//! A room of few cameras whose optics are free bends until a shift of some pixels shows in no camera's residuals. So a second pose is not searched against points
+//! from the other cameras, but with everything else free to follow it: first to first order, for each camera and each moment (the score test),
 //! then the best few for good, from coarse to fine. A lens that differs from its model asks for a second pose too where the light goes from
 //! one part of a picture to another; it gains little by it, and evenly, so a move must leave residuals that are several times smaller.
 
@@ -14,7 +14,7 @@ use foveate_geometry::Camera;
 use foveate_geometry::bundle::{Freedom, OpticsPrior};
 use nalgebra::{DMatrix, DVector, Point2, Point3, Vector3};
 
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 use crate::solved::SolvedPoint;
 
 use self::system::{POSE, Reduced, Second, Seen, State, System, Track, centred};
@@ -35,7 +35,7 @@ pub(crate) struct Witness {
 }
 
 impl Witness {
-    /// That nobody observed yet.
+    /// Without observations.
     pub(crate) fn of(point: &SolvedPoint) -> Witness {
         Witness { time_s: point.time_s, point: point.position, observed: Vec::new() }
     }
@@ -48,7 +48,7 @@ pub(crate) type Member = Option<(Camera, Freedom, OpticsPrior)>;
 #[derive(Debug, Clone)]
 pub(crate) struct PoseChange {
     pub camera: usize,
-    /// When [s].
+    /// Time [s].
     pub at_s: f64,
     /// Median distance of where it sees points before from where it sees them after [px].
     pub shift_px: f64,
@@ -61,10 +61,10 @@ pub(crate) struct PoseChange {
 }
 
 impl PoseChange {
-    /// As it is told.
-    pub(crate) fn culprit(&self) -> Culprit {
+    /// As a fault of the camera.
+    pub(crate) fn culprit(&self) -> CameraFault {
         let PoseChange { camera, at_s, shift_px, turn, distance, shares } = *self;
-        Culprit { camera, cause: Cause::Moved { at_s: Some(at_s), shift_px, turn, distance }, shares }
+        CameraFault { camera, cause: Cause::Moved { at_s: Some(at_s), shift_px, turn, distance }, shares }
     }
 }
 
@@ -74,7 +74,7 @@ const ENOUGH: usize = 700;
 const BINS: usize = 24;
 /// Observations of the camera before and after [–].
 const LEAST_ROWS: usize = 20;
-/// Blurs under which a second pose is looked for to first order, each with how many cameras are then looked at for good [–]: where a camera was moved
+/// Blurs under which a second pose is searched to first order, each with the number of cameras that are then examined fully [–]: where a camera was moved
 /// by much, the room follows one of its parts, and the other part counts only from afar.
 const SEARCHES: [(f64, usize); 2] = [(1.0, 2), (16.0, 4)];
 /// No residuals are taken for better than that [px].
@@ -85,7 +85,7 @@ const BLURS: [f64; 3] = [16.0, 4.0, 1.0];
 const LEAST_SHARE: f64 = 0.08;
 /// … and by so many observations' worth more: over few, lens and noise ask for a second pose by chance [–].
 const BY_CHANCE: f64 = 130.0;
-/// A second pose that gains less than this part of that to first order is not looked for [–]: cameras that were moved give 0.5 and more, even by
+/// A second pose that gains less than this part of that to first order is not searched [–]: cameras that were moved give 0.5 and more, even by
 /// 20 pixels, and clean recordings 0.1 to 0.4.
 const LIKELY: f64 = 0.4;
 /// What the two poses have apart is at least so large [px]…

@@ -1,4 +1,4 @@
-//! In which part of each image the light was.
+//! Report section: coverage of each image by the light.
 
 use std::fmt::Write as _;
 
@@ -19,8 +19,8 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     page.section(
         "coverage",
         "Coverage of the images",
-        "Where each camera saw the light, used or held out. Lens and focal length are known where the light was: an empty corner is a \
-         corner in which the calibration only guesses.",
+        "Where each camera saw the light, used or held out. Lens and focal length are known where the light was: in an empty \
+         corner the calibration only extrapolates.",
     );
     let mut cells_html = String::new();
     for (camera, of) in report.solved.cameras.iter().zip(&figures.cameras) {
@@ -56,7 +56,7 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
         .map(|(class, words)| format!("<span class=\"key {class}\">{words}</span>"))
         .concat();
     page.raw(&format!(
-        "<p class=\"note\">Observations in a cell, of what an even spread over the image would give, but of at least 5: {keys}. Each \
+        "<p class=\"note\">Observations in a cell, relative to an even spread over the image, or to 5 where that is more: {keys}. Each \
          picture is the whole image, u to the right and v downwards.</p>"
     ));
 }

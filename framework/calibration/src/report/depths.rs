@@ -1,4 +1,4 @@
-//! How near and how far each camera saw the light.
+//! Report section: coverage of depth by the light.
 
 use foveate_plot::svg::Pen;
 use foveate_plot::{Axis, Chart, Marks, Series};
@@ -22,8 +22,8 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     page.section(
         "depth",
         "Coverage of depth",
-        "How far in front of each camera the light was: lines from the nearest to the farthest, boxes hold the middle half, the mark is \
-         the median. A focal length needs depth: where the farthest is less than twice the nearest, it is told from distance badly.",
+        "How far in front of each camera the light was: lines reach from the nearest to the farthest, boxes hold the middle half, the mark is \
+         the median. A focal length needs depth: where the farthest is less than twice the nearest, it is poorly separated from distance.",
     );
     let far = known.iter().map(|it| it.1[it.1.len() - 1]).fold(0.0, f64::max);
     let near = known.iter().map(|it| it.1[0]).fold(0.0, f64::min);

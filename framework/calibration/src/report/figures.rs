@@ -1,4 +1,4 @@
-//! What the page states of each camera, gathered once.
+//! Figures of each camera for the page, computed once.
 
 use nalgebra::{Point2, Vector2};
 

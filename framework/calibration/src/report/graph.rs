@@ -1,4 +1,4 @@
-//! Which cameras see the light together: the view graph as a matrix.
+//! Report section: the view graph as a matrix.
 
 use foveate_plot::colours::level;
 use foveate_plot::svg::{Anchor, Font, Pen, Rect, SMALL, Svg};
@@ -23,8 +23,8 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     }
     page.section(
         "graph",
-        "Who sees the light together",
-        "Frames that two cameras saw together. A calibration hangs together by these: a camera whose row is pale is held by few others. \
+        "Which cameras see the light together",
+        "Frames that two cameras saw together. These link the calibration: a camera with a pale row depends on few others. \
          Framed cells are pairs that were oriented with each other; crossed ones contradict the rest.",
     );
     let common = common_frames(solved);

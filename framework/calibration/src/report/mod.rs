@@ -1,7 +1,7 @@
-//! One HTML page with pictures of a solved room: no other file, no network, light and dark, readable in print.
+//! One HTML page with pictures of a solved camera network: no other file, no internet access, light and dark, readable in print.
 //!
-//! [`html`] draws what a [`Solved`] says and nothing more; the same input gives the same bytes. Plots are SVG; the room is drawn
-//! once as SVG, for print and where scripts are off, and again on a canvas that can be turned. What is too much to draw is
+//! [`html`] draws only what a [`Solved`] contains; the same input gives the same bytes. Plots are SVG; the room is drawn
+//! once as SVG, for print and where scripts are off, and again on a canvas that can be rotated. What is too much to draw is
 //! thinned evenly, and the page says so.
 
 mod coverage;
@@ -19,29 +19,29 @@ use foveate_scene::Provenance;
 use crate::convergence::Convergence;
 use crate::solved::Solved;
 
-/// What goes on the page.
+/// The contents of the page.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportInput<'a> {
-    /// Over the page.
+    /// Heading of the page.
     pub title: &'a str,
-    /// What the checks say; `None` when there were none.
+    /// The verdict of the checks; `None` without checks.
     pub verdict: Option<Verdict<'a>>,
     /// The room.
     pub solved: &'a Solved,
     /// Unit of its lengths: `m`, or another word when its scale is not known.
     pub unit: &'a str,
-    /// From a poor start, the paper's scheme beside ours.
+    /// Convergence from a poor start, the paper's scheme beside bundle adjustment.
     pub convergence: Option<&'a Convergence>,
     /// How the calibration was made.
     pub provenance: Option<&'a Provenance>,
-    /// What was rejected beyond single observations, and why, in sentences.
+    /// Sentences about what was rejected beyond single observations, and why.
     pub rejected: &'a [String],
 }
 
-/// What the checks say.
+/// The verdict of the checks, for the page.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verdict<'a> {
-    /// In a word.
+    /// The grade.
     pub grade: Grade,
     /// Why, and what to do.
     pub sentences: &'a [String],
@@ -49,18 +49,18 @@ pub struct Verdict<'a> {
     pub more: usize,
 }
 
-/// Whether to work with a calibration.
+/// Whether a calibration can be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grade {
-    /// Nothing speaks against it.
+    /// Usable without reservations.
     Good,
-    /// It will do, with what the sentences say in mind.
+    /// Usable with the reservations that the sentences state.
     Usable,
-    /// Capture again, as the sentences say.
+    /// Not usable: capture again, as the sentences say.
     Redo,
 }
 
-/// The page.
+/// Renders the page.
 pub fn html(report: &ReportInput<'_>) -> String {
     let figures = figures::Figures::of(report.solved);
     let mut page = page::Page::new(report.title);

@@ -59,16 +59,14 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>) {
     let unit = report.unit;
     let vertical = match (scene.upright, scene.placed) {
         (true, true) => "The grid is the plane z = 0.",
-        (true, false) => {
-            "The vertical is known; the grid lies at the lowest of what is drawn, as the origin is arbitrary."
-        }
-        _ => "The vertical is not known: up is what the cameras' pictures have up.",
+        (true, false) => "The vertical is known; the grid lies at the lowest drawn point, as the origin is arbitrary.",
+        _ => "The vertical is not known: up is the direction that is up in the cameras' pictures.",
     };
     page.section(
         "room",
         "The room",
         &format!(
-            "Cameras look where their pyramids open. {vertical} Ellipsoids hold the cameras' centres with one standard deviation along \
+            "Cameras look towards the open side of their pyramids. {vertical} Ellipsoids show one standard deviation of the cameras' centres along \
              each axis, drawn {} times as large.",
             rounded(scene.factor)
         ),

@@ -27,8 +27,8 @@ pub(super) fn section(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     page.section(
         "residuals",
         "Residuals",
-        "Right residuals scatter around zero alike in all directions and all over the image. A cloud off the middle is a camera that \
-         moved or a wrong clock; arrows that turn or point outwards are a lens that the model does not hold.",
+        "Good residuals scatter around zero, alike in all directions and all over the image. A cloud off the middle means that the camera \
+         moved or its clock is wrong; arrows that rotate or point outwards mean that the lens differs from its model.",
     );
     page.raw(&histogram_of_all(figures));
     let n = figures.cameras.iter().filter(|it| !it.seen.is_empty()).count();

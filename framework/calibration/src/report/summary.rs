@@ -1,4 +1,4 @@
-//! The verdict, the tables, and what is said in words.
+//! Report section: the verdict and the tables.
 
 use std::fmt::Write as _;
 
@@ -72,7 +72,7 @@ pub(super) fn head(page: &mut Page, report: &ReportInput<'_>, figures: &Figures)
         let _ = write!(rows, "<tr><th scope=\"row\">{name}</th><td>{by}</td><td class=\"n\">{sigma}</td></tr>");
     }
     page.raw(&format!(
-        "<table class=\"fixed\"><caption>What pictures leave open</caption><thead><tr><th></th><th>fixed by</th><th class=\"n\">σ</th></tr>\
+        "<table class=\"fixed\"><caption>What pictures do not determine</caption><thead><tr><th></th><th>fixed by</th><th class=\"n\">σ</th></tr>\
          </thead><tbody>{rows}</tbody></table>"
     ));
 }
@@ -101,9 +101,11 @@ pub(super) fn status_in_words(solved: &Solved, camera: &SolvedCamera) -> String 
             format!("no pose explains its pixels: with {}, {right} of {common} common frames fit", name(best))
         }
         CameraStatus::ClockOpen { best: Some(best) } => {
-            format!("its clock could not be found, nearest beside that of {}", name(best))
+            format!("its clock could not be found; closest was that of {}", name(best))
         }
-        CameraStatus::NoDepth { best } => format!("stands where {} stands, or the light is too far away", name(best)),
+        CameraStatus::NoDepth { best } => {
+            format!("is at the same place as {}, or the light is too far away", name(best))
+        }
         CameraStatus::Separate { group } => {
             let names: Vec<String> = group.iter().take(6).map(name).collect();
             let more = if group.len() > names.len() { " and others" } else { "" };
@@ -120,7 +122,7 @@ pub(super) fn cameras(page: &mut Page, report: &ReportInput<'_>, figures: &Figur
     page.section(
         "cameras",
         "Cameras",
-        "Residuals are distances between where a light was seen and where the solution has it. Held-out observations took no part in the \
+        "Residuals are distances between where a light was seen and where the solution has it. Held-out observations were not used in the \
          solution: where theirs are much larger than those of the used, the solution follows the noise. ± is one standard deviation.",
     );
     let mut rows = String::new();
@@ -195,8 +197,8 @@ pub(super) fn clocks(page: &mut Page, report: &ReportInput<'_>) {
     page.section(
         "clocks",
         "Clocks",
-        "What is added to the time of a camera to get that of the room. Bars are ± 2 σ; where they are shorter than the dot, they hide \
-         behind it. Drift is how much faster the room's clock runs.",
+        "Added to a camera's time to get the network's time. Bars are ± 2 σ; where they are shorter than the dot, they hide \
+         behind it. Drift is how much faster the network's clock runs.",
     );
     let ends = known.iter().flat_map(|it| [it.1 - 2.0 * finite(it.2), it.1 + 2.0 * finite(it.2)]);
     let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), it| (low.min(it), high.max(it)));
@@ -255,7 +257,7 @@ pub(super) fn rejected(page: &mut Page, report: &ReportInput<'_>, figures: &Figu
         let [a, b] = [worst.a, worst.b].map(|it| name_of(solved, it));
         let who = match apart.len() {
             1 => format!("the link of {a} and {b} contradicts the other links"),
-            n => format!("{n} links of two cameras contradict the other links; the worst is that of {a} and {b}"),
+            n => format!("{n} links between cameras contradict the other links; the worst is that of {a} and {b}"),
         };
         items.push(format!("{who} ({} of {} frames fit)", worst.right, worst.common));
     }
@@ -285,7 +287,7 @@ pub(super) fn provenance(page: &mut Page, report: &ReportInput<'_>) {
     if !provenance.sources.is_empty() {
         let sources: Vec<String> =
             provenance.sources.iter().map(|it| format!("<code>{}</code>", escaped(it))).collect();
-        let _ = write!(rows, "<tr><th scope=\"row\">Made of</th><td>{}</td></tr>", sources.join("<br>"));
+        let _ = write!(rows, "<tr><th scope=\"row\">Sources</th><td>{}</td></tr>", sources.join("<br>"));
     }
     if let Some(median) = provenance.residual_median_px {
         let _ = write!(rows, "<tr><th scope=\"row\">Median residual</th><td>{} px</td></tr>", fixed(median, 3));

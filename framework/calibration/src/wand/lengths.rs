@@ -1,5 +1,5 @@
-//! How long the wand comes out, frame by frame, pair by pair and place by place: a world can be wrong where pixels fit well, and
-//! a wand whose length depends on where it is shows it.
+//! Measured lengths of the wand by frame, by pair of cameras and by place: a calibration can be wrong although pixels fit well, and
+//! a wand length that depends on place shows it.
 
 use foveate_estimation::statistics::{SIGMA_PER_MAD, mad, median, percentile};
 use foveate_geometry::{CameraStatus, closest_approach};
@@ -13,7 +13,7 @@ const LEAST_FRAMES: usize = 3;
 const FAR_OFF: f64 = 5.0;
 /// Cells of the map along each axis.
 const CELLS: usize = 3;
-/// Samples of a cell that is told.
+/// Least samples of a cell that is reported.
 const LEAST_IN_CELL: usize = 4;
 
 /// Lengths of the wand in a solved room, in its unit.
@@ -76,13 +76,13 @@ pub struct CellLength {
     pub sigma: f64,
 }
 
-/// Too few frames show the wand.
+/// The wand was found in too few frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("both ends of the wand were found in {frames} frames, expected at least {needed}")]
 pub struct TooFewFrames {
-    /// How many.
+    /// Number of frames that was found.
     pub frames: usize,
-    /// How many are needed.
+    /// Number that is needed.
     pub needed: usize,
 }
 

@@ -1,6 +1,6 @@
-//! Two lights a known distance apart: which is which in each picture, how long the wand comes out, and a room adjusted with its length.
+//! Calibration with a wand, two lights a known distance apart: labelling its ends, measuring its length, and adjustment with that length.
 //!
-//! The way: [`label`] the spots of a recording, [`solve`] the room from the [`observations`] (or any other way to a
+//! The steps: [`label`] the spots of a recording, [`solve`] the room from the [`observations`] (or any other way to a
 //! [`crate::solved::Solved`] whose points carry the labels of the ends), [`refine`] it with the length, and [`lengths`] of frames that were held
 //! out ([`intersect`]) for a check.
 

@@ -1,4 +1,4 @@
-//! A solved room adjusted once more with the length of the wand as an observation: [D'Apuzzo 1999 §2.2], the reference bar method.
+//! Adjusts a solved camera network with the length of the wand as an observation: [D'Apuzzo 1999 §2.2], the reference bar method.
 
 use std::collections::BTreeMap;
 
@@ -24,11 +24,11 @@ pub struct Wand {
     pub ends: [u32; 2],
     /// Between the centres of the lights [m].
     pub length_m: f64,
-    /// Of that length, standard deviation: it makes the whole room too large or too small [m].
+    /// Standard deviation of that length, which scales the whole room [m].
     pub sigma_m: f64,
 }
 
-/// How to go about it.
+/// Options of [`refine`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefineOptions {
     /// Of either coordinate of a right pixel, standard deviation [px].
@@ -46,7 +46,7 @@ impl Default for RefineOptions {
     }
 }
 
-/// What [`refine`] found.
+/// The result of [`refine`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
     /// In metres.
@@ -55,33 +55,33 @@ pub struct Refined {
     pub before: WandLengths,
     /// Lengths after the adjustment with them; they agree since they were made to.
     pub after: WandLengths,
-    /// Parameters that even the wand does not hold; then there is no covariance.
+    /// Parameters that even the wand does not determine; there is then no covariance.
     pub open: Option<UnobservableParameters>,
 }
 
-/// Why there is no answer.
+/// Why the network could not be adjusted with the wand.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefineError {
-    /// A number that cannot be.
+    /// A number outside its range.
     #[error("{what} is {found}, expected {expected}")]
     BadNumber {
-        /// Which.
+        /// What the number is.
         what: &'static str,
-        /// Its value.
+        /// The value that was found.
         found: f64,
         /// What it may be.
         expected: &'static str,
     },
-    /// The wand was not seen.
+    /// The wand was seen in too few frames.
     #[error("{0}; wave it where at least two cameras see it whole")]
     NoWand(TooFewFrames),
     /// The room cannot be adjusted.
-    #[error("the room cannot be adjusted: {0}")]
+    #[error("the camera network cannot be adjusted: {0}")]
     Bundle(BundleError),
 }
 
-/// Scales `solved` by the wand, and adjusts cameras (poses, and of the optics what `freed` of each says) and points to pixels
-/// and lengths together. Before the axes are fixed: what is known of gravity and origin is kept, but the scene may turn a little.
+/// Scales `solved` by the wand, and adjusts cameras (poses, and the optics in `freed` of each) and points to pixels
+/// and lengths together. Call it before the axes are fixed: gravity and origin are kept, but the scene may rotate slightly.
 ///
 /// # Errors
 /// See [`RefineError`].

@@ -1,4 +1,4 @@
-//! From labelled observations of a wand to a solved room, in a unit of its own; and from solved cameras to where a wand was.
+//! From labelled observations of a wand to a solved camera network of arbitrary scale, and from solved cameras to places of the wand.
 
 use std::collections::BTreeMap;
 
@@ -13,14 +13,14 @@ use nalgebra::{Point2, Point3};
 use crate::recording::{CameraGuess, Recording};
 use crate::solved::{ObservationRole, Solved, SolvedCamera, SolvedObservation, SolvedPoint, Step};
 
-/// An end of the wand in a picture.
+/// An observation of one end of the wand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WandObservation {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
     /// Which frame.
     pub frame: usize,
-    /// When [s].
+    /// Time [s].
     pub time_s: f64,
     /// Which end.
     pub end: u32,
@@ -28,8 +28,8 @@ pub struct WandObservation {
     pub pixel: Point2<f64>,
 }
 
-/// The labelled spots of a recording; `frame_of_look` says which frame each camera frame is of, if any. Of a label that a picture shows twice,
-/// the brightest spot.
+/// The labelled spots of a recording; `moment_of_frame` gives the frame of each picture, if any. If a picture shows a label twice,
+/// the brightest spot counts.
 pub fn observations(recording: &Recording, moment_of_frame: &[Option<usize>]) -> Vec<WandObservation> {
     let mut found = BTreeMap::new();
     for (camera_frame, frame) in recording.camera_frames.iter().zip(moment_of_frame) {
@@ -117,7 +117,7 @@ pub(super) fn intersected(seen: &[(&Camera, Point2<f64>)]) -> Option<Point3<f64>
     Some(refine(&own, &pixels, PixelNoise::Sigma(1.0), start).ok()?.position)
 }
 
-/// Where solved cameras put the wand in frames that they were not made of: observations are held out, points are intersections.
+/// Intersects the wand with solved cameras in frames that were not used for them: all observations count as held out.
 pub fn intersect(cameras: &[SolvedCamera], observations: &[WandObservation]) -> Solved {
     let mut of_point: BTreeMap<(usize, u32), Vec<&WandObservation>> = BTreeMap::new();
     for it in observations {

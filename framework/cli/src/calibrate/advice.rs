@@ -1,9 +1,9 @@
-//! What to try next, as a command that can be typed: what was found wrong, in options of this program.
+//! What to try next after a calibration, as commands to type.
 
 use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{Candidate, Level};
 
-/// What of the command line decides what can be suggested.
+/// Options of the command line on which suggestions depend.
 #[derive(Debug, Clone, Default)]
 pub struct Asked {
     /// The rig as it was named.
@@ -24,10 +24,10 @@ pub struct Asked {
     pub never_together: bool,
 }
 
-/// Clocks are looked for this many times as far as a camera was found to be late.
+/// Clocks are searched this many times as far as a camera was found to be late.
 const MARGIN: f64 = 2.0;
 
-/// Commands worth trying on the same recording, each with what it is for; none where all is well or nothing but a new recording helps.
+/// Commands worth trying on the same recording, each with its purpose; none where all is well or only a new recording helps.
 pub fn commands(asked: &Asked, candidates: &[Candidate]) -> Vec<String> {
     let graver = || candidates.iter().filter(|it| it.judgement.level > Level::Good);
     let mut list = Vec::new();

@@ -1,4 +1,4 @@
-//! Rooms calibrated from a board: which board, its solution as a room's, and what is told of it.
+//! Calibration from a board: the arguments, the solution, and remarks about it.
 
 use std::collections::BTreeMap;
 
@@ -18,26 +18,26 @@ use super::figures::errors;
 /// The median length of a normal error in two coordinates, in standard deviations of either.
 const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
-/// What a person says of the board.
+/// Command-line arguments about the board.
 #[derive(Debug, Clone, Copy, PartialEq, Default, clap::Args)]
 #[command(next_help_heading = "Board")]
-pub struct BoardWishes {
-    /// The features are the inner corners of a chessboard, so many in a row and in a column; a rig with `board.detector` says it itself
+pub struct BoardArgs {
+    /// The features are the inner corners of a chessboard with this many in a row and in a column; not needed for a rig with `board.detector`
     #[arg(long, value_name = "8x6", value_parser = two_counts, conflicts_with = "wand_mm")]
     pub chessboard: Option<[u32; 2]>,
-    /// The features are the inner corners of a ChArUco board of so many squares, numbered along its rows
+    /// The features are the inner corners of a ChArUco board with this many squares, numbered along its rows
     #[arg(long, value_name = "4x5", value_parser = two_counts, conflicts_with_all = ["chessboard", "wand_mm"])]
     pub charuco: Option<[u32; 2]>,
     /// Side of the board's squares
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub square_mm: Option<f64>,
-    /// When the board lay on the floor, face up: its corner 0 is the origin then, and Z is up
+    /// A time at which the board lay on the floor, face up: its corner 0 becomes the origin, and Z points up
     #[arg(long, value_name = "SECONDS", value_parser = time)]
     pub board_floor: Option<f64>,
 }
 
-impl BoardWishes {
-    /// As it is written on the command line.
+impl BoardArgs {
+    /// The arguments as written on the command line.
     pub fn options(&self) -> Vec<String> {
         let counts = |name: &str, it: Option<[u32; 2]>| it.map(|[a, b]| format!("--{name} {a}x{b}"));
         let square = self.square_mm.map(|it| format!("--square-mm {it}"));
@@ -61,25 +61,25 @@ fn time(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("found {text}, expected a time of the session [s]"))
 }
 
-/// The board that was asked for, else that of the detector; `None` where lights are calibrated with.
+/// The requested board, else that of the detector; `None` for a calibration with lights.
 ///
 /// # Errors
 /// A sentence for the person.
-pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<Option<Board>, String> {
-    let square_m = wishes.square_mm.or(detector.map(|it| it.square_mm)).map(|it| it / 1e3);
+pub fn board(args: &BoardArgs, detector: Option<&BoardSettings>) -> Result<Option<Board>, String> {
+    let square_m = args.square_mm.or(detector.map(|it| it.square_mm)).map(|it| it / 1e3);
     let needed = |square_m: Option<f64>| {
         square_m
             .ok_or_else(|| "error: a board without a size, expected `--square-mm` with the side of a square".to_owned())
     };
-    let made = match (wishes, detector) {
-        (BoardWishes { chessboard: Some([columns, rows]), .. }, _) => {
+    let made = match (args, detector) {
+        (BoardArgs { chessboard: Some([columns, rows]), .. }, _) => {
             Board::chessboard(*columns, *rows, needed(square_m)?)
         }
-        (BoardWishes { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
+        (BoardArgs { charuco: Some([columns, rows]), .. }, _) => Board::charuco(*columns, *rows, needed(square_m)?),
         (_, Some(it)) => Board::chessboard(it.columns, it.rows, needed(square_m)?),
-        (BoardWishes { square_mm: None, board_floor: None, .. }, None) => return Ok(None),
+        (BoardArgs { square_mm: None, board_floor: None, .. }, None) => return Ok(None),
         (_, None) => {
-            let flag = if wishes.square_mm.is_some() { "--square-mm" } else { "--board-floor" };
+            let flag = if args.square_mm.is_some() { "--square-mm" } else { "--board-floor" };
             return Err(format!(
                 "error: `{flag}` and no board, expected `--chessboard` or `--charuco` with it, or a rig with `{}`",
                 Detector::TYPE
@@ -89,19 +89,19 @@ pub fn board(wishes: &BoardWishes, detector: Option<&BoardSettings>) -> Result<O
     made.map(Some).map_err(|fault| format!("error: {fault}"))
 }
 
-/// A room that was solved from a board.
+/// A camera network calibrated from a board.
 pub struct FromBoard {
     /// Cameras, marks and observations.
     pub network: SolvedNetwork,
-    /// What is to be told beside, a sentence each.
+    /// Remarks, a sentence each.
     pub notes: Vec<String>,
-    /// Why it cannot be relied upon, where another room explains what was seen as well.
+    /// Why it cannot be relied upon, where another solution explains the observations equally well.
     pub open: Option<String>,
 }
 
-/// The room as `board` shows it.
+/// Calibrates the cameras from `board`.
 ///
-/// The world is the board's on the floor, if it is said when it lay there; else that of the older calibration, if its poses count; else
+/// The world is the board's on the floor, if a time is given at which it lay there; else that of the older calibration, if its poses count; else
 /// that of the board in one frame.
 ///
 /// # Errors
@@ -119,10 +119,10 @@ pub fn solve(
     let mut open = None;
     if let Some(most) = board::one_angle(&normals).filter(|_| recording.cameras.iter().any(|it| it.free.focal)) {
         let sentence = format!(
-            "The board was seen at one angle only, within {:.0} degrees: focal lengths, and with them all distances, are not held. Tilt it in different ways, by 20 to 45 degrees.",
+            "The board was seen only at one angle, within {:.0} degrees, which does not determine focal lengths and thus distances. Tilt it by 20 to 45 degrees in different directions.",
             most.to_degrees()
         );
-        // Those that stay as they were given hold by that.
+        // Focal lengths that stay as given are not affected.
         let is_found = solved.cameras.iter().any(|it| it.freed.focal);
         if is_found { open = Some(sentence) } else { notes.push(sentence) }
     }
@@ -137,7 +137,7 @@ pub fn solve(
         notes.extend(by_reason.into_iter().map(one));
         if fit.contradicted {
             notes.push(format!(
-                "optics of {} are as its own views tell; all views together contradict them: do the cameras share a clock?",
+                "optics of {} are those from its own views, which the views of all cameras contradict: are the cameras synchronised?",
                 camera.name
             ));
         }
@@ -145,19 +145,17 @@ pub fn solve(
     if !ambiguous.is_empty() {
         let names: Vec<&str> = ambiguous.iter().map(|it| solved.cameras[*it].name.as_str()).collect();
         open = Some(format!(
-            "What was seen of the board leaves open on which side of it {} stand, for it looks alike turned by half, or mirrored from afar: give \
-             rough poses in the calibration, or turn the board before them and another camera.",
+            "The poses of {} are ambiguous, because the board looks the same rotated by 180 degrees, or mirrored from afar: give \
+             rough poses in the calibration, or rotate the board in view of them and another camera.",
             names.join(", ")
         ));
     }
     if unusable_spots > 0 {
-        notes.push(format!(
-            "{unusable_spots} corners without a number that is on the board, or with one that is there twice"
-        ));
+        notes.push(format!("{unusable_spots} corners whose number is missing, not on the board, or repeated"));
     }
     notes.extend(stretch.map(|it| it.to_string()));
     if misfit_views > 0 {
-        notes.push(format!("{misfit_views} pictures whose corners do not lie as on the board"));
+        notes.push(format!("{misfit_views} pictures whose corners do not fit the board"));
     }
     if let Some(said) = solver_options.floor_time_s.filter(|_| solved.fixed.gravity.is_none()) {
         let times = || boards.iter().map(|it| it.time_s);
@@ -176,7 +174,7 @@ pub fn solve(
     Ok(FromBoard { network: SolvedNetwork { solved, cleaning, held, moved: Vec::new(), sigma_px }, notes, open })
 }
 
-/// The room where the older calibration has it, as nearly as its cameras tell; as it is where they are fewer than three or in a row.
+/// The network aligned with the older calibration by its cameras; unchanged where they are fewer than three or on a line.
 fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -> Solved {
     let known = || (0..solved.cameras.len()).filter(|it| solved.cameras[*it].status == CameraStatus::Calibrated);
     let found: Vec<_> = known().map(|it| solved.cameras[it].camera.centre()).collect();
@@ -190,7 +188,7 @@ fn in_older_world(solved: Solved, recording: &Recording, older: FixedFreedoms) -
     }
 }
 
-/// What is said of a waved light, of a board.
+/// Turns a message about a waved light into one about a board.
 pub fn of_board(text: &str) -> String {
     const WORDS: [(&str, &str); 15] = [
         (
@@ -202,12 +200,9 @@ pub fn of_board(text: &str) -> String {
         ("a smoothly moving light", "a smoothly moving board"),
         ("a moving light", "a moving board"),
         ("a light at rest", "a board at rest"),
-        ("say --floor-stops, --falling, --plumb or --upright", "say --board-floor"),
-        ("say --floor-stops or --l-frame", "say --board-floor"),
-        (
-            "nothing tells its focal length: too little depth, or a flat path",
-            "its views of the board do not tell its focal length",
-        ),
+        ("give --floor-stops, --falling, --plumb or --upright", "give --board-floor"),
+        ("give --floor-stops or --l-frame", "give --board-floor"),
+        (": too little depth, or a flat path", ": tilt the board in different directions"),
         (": wave it ", ": hold it "),
         (": wave longer", ": hold it longer"),
         (": wave ", ": hold the board "),

@@ -1,4 +1,4 @@
-//! Observations out of a rig: its sources and detectors run, and all that comes after them is left out.
+//! Captures observations with a rig: its sources and detectors run, everything after them is left out.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use foveate_rig::{self as rig, Overrides};
 use foveate_scene::{Draft, WorkingVolume};
 use foveate_structured_light::corners::CornersSettings;
 
-use super::boards::{self, BoardWishes};
+use super::boards::{self, BoardArgs};
 use super::guide::Guide;
 use super::recorder::{self, Gathered, Shared};
 use crate::interrupt;
@@ -32,12 +32,12 @@ pub const OBSERVATIONS: &str = "observations.csv";
 
 /// How to run the rig.
 #[derive(Debug, Clone, Default)]
-pub struct Wishes {
+pub struct CaptureOptions {
     /// The node whose features to take; needed when a rig has several.
     pub node: Option<String>,
-    /// In place of the rig's [s].
+    /// Replaces the rig's duration [s].
     pub duration_s: Option<f64>,
-    /// In place of the rig's.
+    /// Replaces the rig's seed.
     pub seed: Option<u64>,
     /// On the wall clock.
     pub live: bool,
@@ -45,9 +45,9 @@ pub struct Wishes {
     pub quiet: bool,
     /// End a live run when it is enough.
     pub stop_when_enough: bool,
-    /// What is said of a board.
-    pub board: BoardWishes,
-    /// What counts as enough.
+    /// Arguments about a board.
+    pub board: BoardArgs,
+    /// When coverage suffices.
     pub coverage: CoverageOptions,
     /// By place in the rig's calibration: the number of the camera, where it is used; empty: all are.
     pub numbers: Vec<Option<usize>>,
@@ -55,15 +55,15 @@ pub struct Wishes {
 
 /// What was seen.
 pub struct Captured {
-    /// All looks; its cameras as guessed.
+    /// All pictures; its cameras as guessed.
     pub recording: Recording,
     /// Where the light has been.
     pub coverage: Coverage,
     /// How the run went.
     pub outcome: Outcome,
-    /// Who ended it early, and when.
+    /// Why it ended early, and when.
     pub ended_early: Option<String>,
-    /// What was shown to the cameras, where it is no light.
+    /// The board, for a calibration with one.
     pub board: Option<Board>,
     /// Names of points, in the order of the numbers that are their labels; none where they have no names.
     pub labels: Vec<String>,
@@ -102,22 +102,22 @@ pub fn capture(
     draft: &Draft,
     cameras: Vec<CameraGuess>,
     folder: &Path,
-    wishes: &Wishes,
+    options: &CaptureOptions,
     check: &dyn Fn(&Graph) -> Result<(), String>,
 ) -> Result<Captured, String> {
-    let coverage = Coverage::new(&cameras, &wishes.coverage);
-    let numbers = match wishes.numbers.is_empty() {
+    let coverage = Coverage::new(&cameras, &options.coverage);
+    let numbers = match options.numbers.is_empty() {
         true => (0..draft.calibration.cameras.len()).map(Some).collect(),
-        false => wishes.numbers.clone(),
+        false => options.numbers.clone(),
     };
     let used = |index: &usize| numbers.get(*index).copied().flatten().is_some();
     let shared: Shared =
         Arc::new(Mutex::new(Gathered { camera_frames: Vec::new(), coverage, numbers: numbers.clone() }));
     let mut registry = registry.clone();
     recorder::register(&mut registry, &shared);
-    let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, wishes)?;
+    let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, options)?;
     check(&graph)?;
-    let board = boards::board(&wishes.board, board.as_ref())?;
+    let board = boards::board(&options.board, board.as_ref())?;
     let graph = Arc::new(graph);
     if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
         && let Some(volume) = WorkingVolume::new(min.into(), max.into())
@@ -135,7 +135,7 @@ pub fn capture(
             node.path, node.node_type.name
         ));
     }
-    let (outcome, ended_early) = run(&graph, &shared, folder, wishes, board.is_some())?;
+    let (outcome, ended_early) = run(&graph, &shared, folder, options, board.is_some())?;
     let mut gathered = lock(&shared);
     let camera_frames = std::mem::take(&mut gathered.camera_frames);
     let coverage = gathered.coverage.clone();
@@ -156,17 +156,17 @@ struct Detectors {
     labels: Vec<String>,
 }
 
-fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -> Result<Detectors, String> {
+fn detectors(path: &Path, draft: &Draft, registry: &Registry, options: &CaptureOptions) -> Result<Detectors, String> {
     let overrides = Overrides {
-        seed: wishes.seed,
-        duration_s: wishes.duration_s,
+        seed: options.seed,
+        duration_s: options.duration_s,
         calibration: Some(Arc::new(draft.calibration.clone())),
     };
     let faults = |faults: rig::Diagnostics| faults.render(wants_color());
     let text =
         std::fs::read_to_string(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
     let whole = rig::load(&text, path, registry, &overrides).map_err(faults)?;
-    let (scale, node, port) = choose(&whole, wishes.node.as_deref())?;
+    let (scale, node, port) = choose(&whole, options.node.as_deref())?;
     let addition = format!(
         "\n\n[scale.{scale}.node.{RECORDER}]\ntype = \"calibrate.recorder\"\nin = {{ features = \"{node}.{port}\" }}\n\
          \n[scale.{scale}.node.{TABLE}]\ntype = \"export.features\"\nin = {{ features = \"{node}.{port}\" }}\nfile = \"{OBSERVATIONS}\"\n"
@@ -186,7 +186,7 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, wishes: &Wishes) -
         label_names(&it.path, cameras, path.parent().unwrap_or(Path::new("")))
     });
     let labels = labels.transpose().map_err(|fault| format!("error: {fault}"))?.unwrap_or_default();
-    Ok(Detectors { graph: graph.leading_to(|it| it.node == RECORDER || it.node == TABLE), board, labels })
+    Ok(Detectors { graph: graph.upstream_of(|it| it.node == RECORDER || it.node == TABLE), board, labels })
 }
 
 /// Scale, node and output port of the features to take.
@@ -217,7 +217,7 @@ fn choose(graph: &Graph, wanted: Option<&str>) -> Result<(String, String, &'stat
         [] => {
             let names: Vec<String> = offers.iter().map(|it| named(&it)).collect();
             Err(format!(
-                "error: `--from {}` is no node that gives features, expected one of: {}",
+                "error: `--from {}` is not a node that gives features, expected one of: {}",
                 wanted.unwrap_or_default(),
                 names.join(", ")
             ))
@@ -237,27 +237,27 @@ fn run(
     graph: &Arc<Graph>,
     shared: &Shared,
     folder: &Path,
-    wishes: &Wishes,
+    options: &CaptureOptions,
     is_board: bool,
 ) -> Result<(Outcome, Option<String>), String> {
-    let options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
-    interrupt::stops(&options.stop).map_err(|it| format!("error: {it}"))?;
+    let engine_options = Options { out_dir: Some(folder.to_owned()), ..Options::default() };
+    interrupt::stops(&engine_options.stop).map_err(|it| format!("error: {it}"))?;
     let has_device = graph.instances.iter().any(|it| it.is_live());
-    let is_live = wishes.live || has_device;
+    let is_live = options.live || has_device;
     let mut guide = Guide::new(graph, is_live, is_board);
-    let stop = Arc::clone(&options.stop);
+    let stop = Arc::clone(&engine_options.stop);
     let mut enough = false;
     let mut observe = |progress: &Progress| {
-        if !wishes.quiet {
+        if !options.quiet {
             guide.show(progress, shared);
         }
-        if is_live && wishes.stop_when_enough && guide.is_enough(shared) {
+        if is_live && options.stop_when_enough && guide.is_enough(shared) {
             enough = true;
             stop.store(true, Ordering::Relaxed);
         }
     };
     let engine = if is_live { engine::live } else { engine::deterministic };
-    let outcome = engine(Arc::clone(graph), &options, &mut observe).map_err(|error| format!("error: {error}"));
+    let outcome = engine(Arc::clone(graph), &engine_options, &mut observe).map_err(|error| format!("error: {error}"));
     guide.end();
     let outcome = outcome?;
     let whole = graph.duration.map_or(String::new(), |it| format!(" of {} s", it.as_s()));

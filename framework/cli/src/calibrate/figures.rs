@@ -1,4 +1,4 @@
-//! A solved room in figures: `summary.json`.
+//! Figures of a solved camera network: `summary.json`.
 
 use std::collections::BTreeMap;
 
@@ -46,7 +46,7 @@ pub fn figures(network: &SolvedNetwork) -> BTreeMap<String, f64> {
     figures
 }
 
-/// What is wrong with cameras, for programs: a list of objects, the worst first.
+/// Faults of cameras for programs: a list of objects, the worst first.
 pub fn diagnoses(checks: &Checks) -> Value {
     let object = |it: &Candidate| {
         let with = match it.cause {
@@ -69,7 +69,7 @@ pub fn diagnoses(checks: &Checks) -> Value {
     Value::Array(checks.candidates.iter().map(object).collect())
 }
 
-/// Lengths of the residuals of observations in one role, of one camera if asked for [px].
+/// Lengths of the residuals of observations in one role, of one camera or of all [px].
 pub fn errors(solved: &Solved, role: ObservationRole, camera: Option<usize>) -> Vec<f64> {
     let of = solved.observations.iter().filter(|it| it.role == role && camera.is_none_or(|camera| it.camera == camera));
     of.filter_map(|it| Some(it.residual?.norm())).collect()

@@ -1,4 +1,4 @@
-//! Where the light has been and where it is wanted, on the terminal while it is waved.
+//! Shows on the terminal, while the light is waved, where it has been and where it is needed.
 
 use std::io::{IsTerminal, Write};
 use std::sync::PoisonError;
@@ -13,7 +13,7 @@ use crate::output::wants_color;
 
 /// Judging what is missing takes long enough not to do it at each progress.
 const PERIOD: Duration = Duration::from_millis(500);
-/// Where nobody watches a terminal, one line in so long.
+/// Without a terminal, one line after this time.
 const PLAIN_PERIOD: Duration = Duration::from_secs(5);
 /// Columns and rows of a terminal that does not say.
 const SIZE: [usize; 2] = [100, 24];
@@ -81,7 +81,7 @@ impl Guide {
         drop(err.write_all(format!("{up}{text}").as_bytes()).and_then(|()| err.flush()));
     }
 
-    /// Whether what was seen is enough.
+    /// Whether coverage suffices.
     pub fn is_enough(&mut self, shared: &Shared) -> bool {
         if self.last_judged.is_none_or(|it| it.elapsed() >= PERIOD) {
             self.last_judged = Some(Instant::now());

@@ -1,4 +1,4 @@
-//! What `foveate calibrate` is made of: observations gathered from a rig's detectors, and the outcome in figures and words.
+//! Parts of `foveate calibrate`: observations gathered from a rig's detectors, and the outcome in figures and words.
 
 pub mod advice;
 pub mod boards;

@@ -8,7 +8,7 @@ use foveate_calibration::checks::Level;
 use foveate_calibration::comparison::compare;
 use foveate_calibration::network::Origin;
 use foveate_calibration::path::table::{self, TableOptions};
-use foveate_calibration::path::{self, MeasuredPath, PathCamera, PathOptions, PathRoom, PathVerdict};
+use foveate_calibration::path::{self, MeasuredPath, PathCamera, PathNetwork, PathOptions, PathVerdict};
 use foveate_calibration::recording::Recording;
 use foveate_calibration::report::{self, Grade, ReportInput};
 use foveate_scene::{Calibration, CameraClock, Clocks, Draft};
@@ -18,10 +18,10 @@ use super::capture;
 use crate::output::say;
 use crate::{exit, results};
 
-/// What a person says of a measured path.
+/// Command-line arguments about a measured path.
 #[derive(Debug, Clone, PartialEq, Default, clap::Args)]
 #[command(next_help_heading = "Measured path")]
-pub struct PathWishes {
+pub struct PathArgs {
     /// The point's path in space as another system measured it (RTK, total station): CSV or text with time, x, y, z, or lat, lon, height
     #[arg(
         long,
@@ -54,7 +54,7 @@ fn span(text: &str) -> Result<(f64, f64), String> {
     ordered.ok_or_else(|| format!("found {text}, expected FROM..UNTIL in seconds of the path's time, as 12.5..290"))
 }
 
-/// A path that was asked for, read and understood before anything is captured.
+/// The requested path, read before anything is captured.
 #[derive(Debug)]
 pub struct Asked {
     path: MeasuredPath,
@@ -62,8 +62,8 @@ pub struct Asked {
     notes: Vec<String>,
 }
 
-impl PathWishes {
-    /// The path, if one is asked for.
+impl PathArgs {
+    /// The path, if one is requested.
     ///
     /// # Errors
     /// Sentences for the person.
@@ -91,14 +91,14 @@ impl PathWishes {
     }
 }
 
-/// The calibration with clocks that show the sources' own times: what the file has of offsets and rates is what is to be found.
+/// The calibration with clocks that show the sources' own times: offsets and rates of the file are what is to be found.
 pub fn without_offsets(draft: &Draft) -> Draft {
     let own = |it: &CameraClock| CameraClock { frame_rate_hz: it.frame_rate_hz, ..CameraClock::default() };
     let clocks = Clocks(draft.calibration.clocks.0.iter().map(|(name, it)| (name.clone(), own(it))).collect());
     Draft { calibration: Calibration { clocks, ..draft.calibration.clone() }, unknown: draft.unknown.clone() }
 }
 
-/// What is needed besides the path to end a calibration.
+/// What is needed besides the path to finish a calibration.
 pub struct Ending<'a> {
     /// The rig.
     pub rig: &'a Path,
@@ -115,7 +115,7 @@ pub struct Ending<'a> {
 }
 
 /// Calibrates.
-pub fn solve(asked: &Asked, recording: &Recording, solver_options: &PathOptions) -> PathRoom {
+pub fn solve(asked: &Asked, recording: &Recording, solver_options: &PathOptions) -> PathNetwork {
     path::calibrate(recording, &asked.path, solver_options)
 }
 
@@ -124,7 +124,7 @@ pub fn solve(asked: &Asked, recording: &Recording, solver_options: &PathOptions)
 /// # Errors
 /// Sentences for the person.
 pub fn conclude(
-    network: &PathRoom,
+    network: &PathNetwork,
     asked: &Asked,
     solver_options: &PathOptions,
     ending: &Ending<'_>,
@@ -183,7 +183,7 @@ fn keep_frame_rates(calibration: &mut Calibration, older: &Calibration) {
 }
 
 /// Figures by dotted name.
-fn figures(network: &PathRoom) -> BTreeMap<String, f64> {
+fn figures(network: &PathNetwork) -> BTreeMap<String, f64> {
     let mut figures = BTreeMap::new();
     figures.insert("cameras".to_owned(), network.cameras.len() as f64);
     figures.insert("cameras_calibrated".to_owned(), network.cameras.iter().filter(|it| it.is_ok()).count() as f64);
@@ -237,7 +237,7 @@ fn judged(verdict: &PathVerdict) -> String {
     text
 }
 
-fn described(network: &PathRoom, asked: &Asked) -> String {
+fn described(network: &PathNetwork, asked: &Asked) -> String {
     let n_found = network.cameras.iter().filter(|it| it.is_ok()).count();
     let [from_s, until_s] = asked.path.span_s();
     let mut text = format!(
@@ -267,7 +267,7 @@ fn described(network: &PathRoom, asked: &Asked) -> String {
     if n_found > 0 {
         let _ = writeln!(
             text,
-            "\nthe session begins when the path's clock shows {:.3} s; the first row of the path that was used lies at {:.3} s of the session",
+            "\nthe session begins when the path's clock shows {:.3} s; the first used row of the path is at {:.3} s of the session",
             network.session_from_s, network.path_start_s
         );
     }
@@ -275,7 +275,12 @@ fn described(network: &PathRoom, asked: &Asked) -> String {
         if let Ok(found) = camera
             && !found.held.is_empty()
         {
-            let _ = writeln!(text, "optics of {}: nothing tells {}; it stays as given", it.name, found.held.join(", "));
+            let _ = writeln!(
+                text,
+                "optics of {}: {} cannot be determined and stays as given",
+                it.name,
+                found.held.join(", ")
+            );
         }
     }
     text
@@ -299,7 +304,7 @@ fn line(name: &str, it: &PathCamera, width: usize) -> String {
     )
 }
 
-fn page(network: &PathRoom, verdict: &PathVerdict, calibration: &Calibration, rig: &Path) -> String {
+fn page(network: &PathNetwork, verdict: &PathVerdict, calibration: &Calibration, rig: &Path) -> String {
     let grade = match verdict.level {
         Level::Good => Grade::Good,
         Level::Usable => Grade::Usable,
@@ -321,7 +326,7 @@ fn page(network: &PathRoom, verdict: &PathVerdict, calibration: &Calibration, ri
 
 /// Puts the calibration in place of the older one, which is kept beside it, unless something would be lost or become worse.
 fn replaced(
-    network: &PathRoom,
+    network: &PathNetwork,
     verdict: &PathVerdict,
     calibration: Option<&Calibration>,
     ending: &Ending<'_>,
@@ -340,7 +345,7 @@ fn replaced(
         .chain(draft.calibration.heads.0.keys().map(String::as_str))
         .collect();
     if !lost.is_empty() {
-        return stays(format!("{} would be lost; the others stand in the results' calibration.toml", lost.join(", ")));
+        return stays(format!("{} would be lost; the others are in the results' calibration.toml", lost.join(", ")));
     }
     for (index, camera) in network.solved.cameras.iter().enumerate() {
         let has_pose = draft.unknown.get(&camera.name).is_none_or(|it| !it.pose);
@@ -349,7 +354,7 @@ fn replaced(
         if let Some(of_older) = of_older.and_then(|it| path::error_of_older(network, index, it))
             && 1.1 * of_older < own
         {
-            return stays(format!("of {} it is {of_older:.2} px off, the new one {own:.2} px", camera.name));
+            return stays(format!("for {} it is {of_older:.2} px off, the new one {own:.2} px", camera.name));
         }
     }
     let backups = (1..)

@@ -1,4 +1,4 @@
-//! What is said of scale and axes against the rig, before anything is captured: names, times and lengths that cannot be.
+//! Checks arguments about scale and axes against the rig before anything is captured: names, times and lengths.
 
 use std::collections::BTreeSet;
 
@@ -24,7 +24,7 @@ pub struct Known<'a> {
     pub duration_s: Option<f64>,
 }
 
-/// Refuses what no capture can make right.
+/// Refuses arguments that no capture can satisfy.
 ///
 /// # Errors
 /// A sentence for the person that says which flag, what was found and what is possible.
@@ -96,7 +96,7 @@ fn place(place: &Place, known: &Known<'_>) -> Result<(), String> {
         Place::Stop { label, .. } => label,
         Place::Light { label, from_s, until_s } => {
             if *from_s < 0.0 || !until_s.is_finite() {
-                return Err(format!("{place} is no span of a session, which begins at 0 s"));
+                return Err(format!("{place} is not a span of a session, which begins at 0 s"));
             }
             if let Some(duration_s) = known.duration_s.filter(|it| until_s > it) {
                 return Err(format!("{place} is after the end of the session, which lasts {duration_s} s"));
@@ -142,17 +142,17 @@ fn on_a_line(points: &[Point3<f64>]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use foveate_calibration::axes::Wishes;
+    use foveate_calibration::axes::AxesArgs;
 
     use super::*;
 
     #[track_caller]
-    fn found(change: impl Fn(&mut Wishes)) -> Result<(), String> {
-        let mut wishes = Wishes::default();
-        change(&mut wishes);
+    fn found(change: impl Fn(&mut AxesArgs)) -> Result<(), String> {
+        let mut args = AxesArgs::default();
+        change(&mut args);
         let cameras = ["wide-1", "wide-2", "wide-3"];
         let known = Known { cameras: &cameras, used: &cameras[..2], lights: Some(1), duration_s: Some(60.0) };
-        check(&wishes.givens().unwrap(), &known)
+        check(&args.givens().unwrap(), &known)
     }
 
     #[test]
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn what_cannot_be_is_named_with_what_was_meant() {
         let frame = |list: &[&str]| -> Vec<String> { list.iter().map(|it| (*it).to_owned()).collect() };
-        type Case<'a> = (&'a dyn Fn(&mut Wishes), &'a str);
+        type Case<'a> = (&'a dyn Fn(&mut AxesArgs), &'a str);
         let cases: [Case<'_>; 13] = [
             (
                 &|it| it.distance("wide1:wide-2=3.2m"),
@@ -183,7 +183,7 @@ mod tests {
                 &|it| it.plumb = Some("@1:@70..71".into()),
                 "--plumb: @70.0..71.0 is after the end of the session, which lasts 60 s",
             ),
-            (&|it| it.falling = vec!["-2..1".into()], "--falling: @-2.0..1.0 is no span of a session"),
+            (&|it| it.falling = vec!["-2..1".into()], "--falling: @-2.0..1.0 is "),
             (
                 &|it| it.l_frame = frame(&["@1=0,0,0", "@2=1,0,0", "wide-9=0,1,0"]),
                 "--l-frame: there is no camera wide-9 (did you mean wide-",
@@ -202,7 +202,7 @@ mod tests {
         fn distance(&mut self, text: &str);
     }
 
-    impl Distance for Wishes {
+    impl Distance for AxesArgs {
         fn distance(&mut self, text: &str) {
             self.distances.push(text.to_owned());
         }

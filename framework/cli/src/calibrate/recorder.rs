@@ -32,7 +32,7 @@ pub struct Gathered {
 /// Shared between the node and the program.
 pub type Shared = Arc<Mutex<Gathered>>;
 
-/// It has none.
+/// The node has no settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RecorderSettings {}
@@ -43,7 +43,7 @@ pub struct Recorder(Shared);
 impl Node for Recorder {
     const TYPE: &'static str = "calibrate.recorder";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Hands features to `foveate calibrate`, which adds it to a rig by itself";
+    const SUMMARY: &'static str = "Passes features to `foveate calibrate`, which adds this node by itself";
     type Settings = RecorderSettings;
 
     fn ports() -> Ports {
@@ -51,7 +51,7 @@ impl Node for Recorder {
     }
 
     fn new(_settings: RecorderSettings, setup: &Setup) -> Result<Self, ConfigError> {
-        let message = format!("`{}` works in `foveate calibrate` only, expected it nowhere in a rig", setup.instance);
+        let message = format!("`{}` works only in `foveate calibrate`, expected it in no rig", setup.instance);
         Err(ConfigError { setting: None, message })
     }
 
@@ -89,10 +89,10 @@ fn without_board(camera_frame: &CameraFrame) -> CameraFrame {
     CameraFrame { spots, ..*camera_frame }
 }
 
-/// Makes the node known, its nodes tied to `shared`.
+/// Registers the node with a constructor that shares `shared`.
 pub fn register(registry: &mut Registry, shared: &Shared) {
     let shared = Arc::clone(shared);
-    registry.add_made::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
+    registry.add_with::<Recorder>(move |_, _| Ok(Recorder(Arc::clone(&shared))));
 }
 
 #[cfg(test)]

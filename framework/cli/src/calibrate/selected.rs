@@ -35,7 +35,7 @@ impl Selected {
         (0..n_cameras).map(|it| self.places.iter().position(|place| *place == it)).collect()
     }
 
-    /// What is known of those that are used.
+    /// The guesses of the cameras that are used.
     pub fn of(&self, draft: &Draft) -> Draft {
         let cameras = self.places.iter().map(|it| draft.calibration.cameras[*it].clone()).collect();
         let out: BTreeSet<&String> = self.left_out.iter().collect();

@@ -1,4 +1,4 @@
-//! A solved room in words, for the terminal.
+//! Describes a solved camera network in words, for the terminal.
 
 use std::fmt::Write;
 
@@ -17,12 +17,12 @@ use super::figures::{errors, figures};
 
 /// Cameras with more than that are in the files only.
 const SHOWN: usize = 64;
-/// Labels that show another point are told one by one up to so many.
+/// Labels that show another point are listed one by one up to this many.
 const SWAPPED_SHOWN: usize = 8;
-/// Optics of a camera that stay as given are told one by one up to so many cameras.
+/// Optics that stay as given are listed one by one up to this many cameras.
 const HELD_SHOWN: usize = 6;
 
-/// What was found, camera by camera.
+/// The results, camera by camera.
 pub fn describe(network: &SolvedNetwork, recording: &Recording) -> String {
     let solved = &network.solved;
     let figure = figures(network);
@@ -85,7 +85,7 @@ pub fn describe(network: &SolvedNetwork, recording: &Recording) -> String {
     text
 }
 
-/// What was not used or not found beyond single observations, and what moved: a sentence each.
+/// Sentences about what was not used or not found beyond single observations, and about what moved.
 pub fn left_out(network: &SolvedNetwork, recording: &Recording) -> Vec<String> {
     let solved = &network.solved;
     let unit = if solved.fixed.scale.is_some() { "mm" } else { "mu" };
@@ -135,7 +135,7 @@ pub fn swapped(recording: &Recording, solved: &Solved, names: &[String]) -> Vec<
     let one = |it: &foveate_calibration::network::Swapped| {
         let (labelled, shows) = (name(it.labelled), name(it.shows));
         let camera = &recording.cameras[it.camera].name;
-        format!("labels of {camera}: {} of {} of {labelled} show {shows}; they were taken for that", it.count, it.of)
+        format!("labels of {camera}: {} of {} of {labelled} show {shows}; they were relabelled", it.count, it.of)
     };
     let mut lines: Vec<String> = found.iter().take(SWAPPED_SHOWN).map(one).collect();
     if found.len() > SWAPPED_SHOWN {
@@ -161,7 +161,7 @@ fn usual_spots(recording: &Recording, camera: usize) -> Option<usize> {
     counts.get(counts.len() / 2).copied()
 }
 
-/// What became of each camera's clock.
+/// The status of each camera's clock.
 pub fn clocks(found: &SynchronisedNetwork, recording: &Recording) -> Vec<String> {
     let cameras = found.network.solved.cameras.iter().zip(&found.clocks);
     let one = |(camera, status): (&SolvedCamera, &ClockStatus)| match (status, camera.clock) {
@@ -184,10 +184,10 @@ fn clock_in_names(status: &ClockStatus, recording: &Recording) -> String {
 
 /// What to say where clocks may be further apart than was tried.
 fn further(status: &ClockStatus) -> &'static str {
-    if status.may_be_further_off() { "; if it is further off than --max-offset says, say more there" } else { "" }
+    if status.may_be_further_off() { "; if it is further off than --max-offset, raise that" } else { "" }
 }
 
-/// Why nothing was found by cameras that share no clock.
+/// Why a calibration of unsynchronised cameras failed.
 pub fn not_synchronised(fault: &NotSynchronised, recording: &Recording) -> String {
     match fault {
         NotSynchronised::Clocks(fault) => no_clocks(fault, recording),
@@ -198,7 +198,7 @@ pub fn not_synchronised(fault: &NotSynchronised, recording: &Recording) -> Strin
 /// Pictures this close together count as taken together [s].
 const TOGETHER_S: f64 = 0.5e-3;
 
-/// What to say where less than half of the pictures were taken together with one of another camera.
+/// A remark where less than half of the pictures were taken together with one of another camera.
 pub fn never_together(recording: &Recording) -> Option<String> {
     let mut of_frames: Vec<(f64, usize)> =
         recording.camera_frames.iter().filter(|it| !it.spots.is_empty()).map(|it| (it.time_s, it.camera)).collect();
@@ -214,7 +214,7 @@ pub fn never_together(recording: &Recording) -> Option<String> {
     let is_alone = of_frames.iter().all(|it| it.1 == of_frames[0].1);
     (2 * n < of_frames.len() && !is_alone).then(|| {
         format!(
-            "{n} of {} pictures were taken within 0.5 ms of one of another camera: if the cameras share no clock, --unsynchronised",
+            "{n} of {} pictures were taken within 0.5 ms of one of another camera: if the cameras are not synchronised, use --unsynchronised",
             of_frames.len()
         )
     })
@@ -248,9 +248,9 @@ pub fn fixed(fixed: &FixedFreedoms) -> String {
         None => format!("{what}: not fixed ({how})\n"),
     };
     let small = if fixed.scale.is_some() { "mm" } else { "mu" };
-    one("scale", &fixed.scale, "%", 100.0, "say --wand-mm or --distance")
-        + &one("vertical", &fixed.gravity, "mrad", 1e3, "say --floor-stops, --falling, --plumb or --upright")
-        + &one("origin", &fixed.origin, small, 1e3, "say --floor-stops or --l-frame")
+    one("scale", &fixed.scale, "%", 100.0, "give --wand-mm or --distance")
+        + &one("vertical", &fixed.gravity, "mrad", 1e3, "give --floor-stops, --falling, --plumb or --upright")
+        + &one("origin", &fixed.origin, small, 1e3, "give --floor-stops or --l-frame")
 }
 
 /// Optics that were to be found and stay as given.
@@ -276,10 +276,10 @@ fn set_aside(network: &SolvedNetwork) -> Vec<String> {
         let mut part = |n: usize, one: &str, what: &str| {
             parts.extend((n > 0).then(|| format!("{} {what}", counted(n, one))));
         };
-        part(it.unusable, "spot", "outside of the picture or without a number");
+        part(it.unusable, "spot", "outside the picture or without coordinates");
         part(it.written_twice, "spot", "written twice");
-        part(it.repeated_times, "picture", "of a time that was there already");
-        part(it.repeated_pictures, "picture", "like the one before");
+        part(it.repeated_times, "picture", "with a repeated time");
+        part(it.repeated_pictures, "picture", "identical to the one before");
         part(it.lamps.len(), "place", "with a light that does not move");
         if !parts.is_empty() {
             let lamps: Vec<String> =

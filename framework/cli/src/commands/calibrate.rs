@@ -6,12 +6,12 @@ mod plan;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use foveate_calibration::axes::{self, AxesOptions, Given, Wishes};
-use foveate_calibration::board::{BoardOptions, NoBoardClocks, board_on_one_clock};
+use foveate_calibration::axes::{self, AxesArgs, AxesOptions, Given};
+use foveate_calibration::board::{BoardClocksError, BoardOptions, board_on_one_clock};
 use foveate_calibration::checks::{CheckOptions, LengthSample, Level, check};
 use foveate_calibration::clocks::ClockOptions;
 use foveate_calibration::comparison::compare;
-use foveate_calibration::network::{self, NetworkOptions, SolvedNetwork, Sought};
+use foveate_calibration::network::{self, CalibrationTarget, NetworkOptions, SolvedNetwork};
 use foveate_calibration::path::PathOptions;
 use foveate_calibration::solved::{FixedFreedoms, ObservationRole, Solved, SolvedCamera};
 use foveate_calibration::wand::{self, RefineOptions, Wand, WandObservation, WandSample};
@@ -24,9 +24,9 @@ use foveate_scene::{Calibration, Draft, LengthUnit};
 use self::conclude::{More, check_writable, conclude};
 use self::plan::Plan;
 use super::seconds;
-use crate::calibrate::boards::{self, BoardWishes};
+use crate::calibrate::boards::{self, BoardArgs};
 use crate::calibrate::capture::{self, Captured};
-use crate::calibrate::path::{self, PathWishes};
+use crate::calibrate::path::{self, PathArgs};
 use crate::calibrate::places::{self, Known};
 use crate::calibrate::selected::Selected;
 use crate::calibrate::words;
@@ -43,7 +43,7 @@ pub struct CalibrateArgs {
     /// Use none of the poses in the rig's calibration, only names, picture sizes and the optics that it states
     #[arg(long)]
     from_nothing: bool,
-    /// What to find of the cameras' optics, whatever the calibration states [default: what it does not state]
+    /// Which optics of the cameras to estimate, whatever the calibration states [default: those that it does not state]
     #[arg(long, value_enum)]
     optics: Option<Optics>,
     /// The node whose features to take, where a rig has several
@@ -61,7 +61,7 @@ pub struct CalibrateArgs {
     /// In the report, also solve from a poor start, path and cameras in turn as [Davis 2002 §3.2], beside both together: Figure 25
     #[arg(long, requires = "report")]
     alternating: bool,
-    /// Tell how far the cameras are from where another calibration of the same cameras has them (any form that a rig may name)
+    /// Report how far the cameras are from their places in another calibration of the same cameras (any form that a rig may name)
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::AnyPath)]
     compare: Option<PathBuf>,
     /// Replace the calibration that the rig names, unless the verdict is "redo"; the older one is kept beside it
@@ -107,9 +107,9 @@ pub struct CalibrateArgs {
     #[arg(long, help_heading = "Scale and axes")]
     upright: bool,
     #[command(flatten)]
-    board: BoardWishes,
+    board: BoardArgs,
     #[command(flatten)]
-    measured: PathWishes,
+    measured: PathArgs,
     /// End the session after so many seconds of its own time
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
@@ -119,7 +119,7 @@ pub struct CalibrateArgs {
     /// Run on the wall clock; a rig with a camera always does
     #[arg(long)]
     live: bool,
-    /// In a run on the wall clock, go on until Ctrl-C or the rig's end even when the light has been everywhere it should
+    /// In a run on the wall clock, continue until Ctrl-C or the rig's end even when the light has covered the volume
     #[arg(long)]
     keep_going: bool,
     /// Show no progress
@@ -181,7 +181,7 @@ pub(super) fn run(args: &CalibrateArgs, registry: &Registry) -> u8 {
 }
 
 fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
-    let givens = wishes(args).givens().map_err(|fault| format!("error: {fault}"))?;
+    let givens = axes_args(args).givens().map_err(|fault| format!("error: {fault}"))?;
     let (path, draft) = capture::draft(&args.rig)?;
     if args.write {
         check_writable(&path)?;
@@ -201,7 +201,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         args.compare.as_deref().map(Calibration::load).transpose().map_err(|error| format!("error: {error}"))?;
     let stem = args.rig.file_stem().map_or_else(|| "rig".to_owned(), |it| it.to_string_lossy().into_owned());
     let folder = results::make_folder(args.out.as_deref(), &stem).map_err(|it| format!("error: {it}"))?;
-    let how = capture::Wishes {
+    let how = capture::CaptureOptions {
         node: args.from.clone(),
         duration_s: args.duration,
         seed: args.seed,
@@ -255,9 +255,9 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     let mirrored = mirrored_pairs(&captured.labels);
     let has_labels = words::n_labels(&captured.recording) > 1;
     let sought = match args.wand_mm {
-        Some(_) => Sought::Wand,
-        None if has_labels && !args.unsynchronised => Sought::Labels { mirrored: &mirrored },
-        None => Sought::Light,
+        Some(_) => CalibrationTarget::Wand,
+        None if has_labels && !args.unsynchronised => CalibrationTarget::Labels { mirrored: &mirrored },
+        None => CalibrationTarget::Light,
     };
     let clock_options = ClockOptions {
         max_offset_s: args.max_offset,
@@ -280,7 +280,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
             if args.unsynchronised {
                 let shared = board_on_one_clock(&captured.recording, board, &options, &clock_options);
                 let shared = shared.map_err(|fault| match fault {
-                    NoBoardClocks::Clocks(fault) => {
+                    BoardClocksError::Clocks(fault) => {
                         boards::of_board(&refused(&words::no_clocks(&fault, &captured.recording)))
                     }
                     other => refused(&other),
@@ -299,7 +299,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         }
         (true, None) if args.unsynchronised => {
             let found = match sought {
-                Sought::Wand => network::unsynchronised_wand(&captured.recording, &clock_options, &options),
+                CalibrationTarget::Wand => network::unsynchronised_wand(&captured.recording, &clock_options, &options),
                 _ => network::unsynchronised_from_nothing(&captured.recording, &clock_options, &options),
             };
             let found = found.map_err(|fault| {
@@ -313,7 +313,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         (false, None) => network::recalibrate(&captured.recording, sought, &fixed, &options),
     };
     let mut solved = solve.map_err(|fault| format!("error: {fault}{}", hint(args, &captured)))?;
-    if let Sought::Labels { .. } = sought {
+    if let CalibrationTarget::Labels { .. } = sought {
         notes.extend(words::swapped(&captured.recording, &solved.solved, &captured.labels));
     } else if args.wand_mm.is_none() && board.is_none() {
         let left_out = solved.solved.cameras.iter().enumerate().filter(|it| it.1.status != CameraStatus::Calibrated);
@@ -367,11 +367,11 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     conclude(args, &path, &folder, &captured, &solved, &checks, &more)
 }
 
-/// Nodes whose features may have labels: what is said of a light may be of any of them.
+/// Nodes whose features may have labels: statements about a light may apply to any of them.
 const LABELLED: [&str; 4] =
     ["capture.detections", "board.detector", "structured_light.corners", "structured_light.points"];
 
-/// Refuses what is said of scale and axes where no capture can make it right.
+/// Refuses options for scale and axes that no capture can satisfy.
 fn check_places(
     givens: &[Given],
     draft: &Draft,
@@ -401,7 +401,7 @@ fn measured_by_wand(network: &mut SolvedNetwork, length_mm: f64) -> Result<Vec<L
     Ok(samples.iter().map(error).collect())
 }
 
-/// What to do about a room that cannot be solved, as far as what was seen tells.
+/// What to do about a room that cannot be solved, judged by what was seen.
 fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let all = 0..captured.recording.cameras.len();
     let is_light = args.wand_mm.is_none() && words::n_labels(&captured.recording) <= 1;
@@ -412,14 +412,14 @@ fn hint(args: &CalibrateArgs, captured: &Captured) -> String {
     clocks_hint(args, captured) + &lines
 }
 
-/// Whether the cameras may share no clock, as far as what was seen tells.
+/// Whether the cameras may share no clock, judged by what was seen.
 fn clocks_hint(args: &CalibrateArgs, captured: &Captured) -> String {
     let apart = words::never_together(&captured.recording).filter(|_| !args.unsynchronised);
     apart.map(|it| format!("\n  {it}")).unwrap_or_default()
 }
 
-fn wishes(args: &CalibrateArgs) -> Wishes {
-    Wishes {
+fn axes_args(args: &CalibrateArgs) -> AxesArgs {
+    AxesArgs {
         wand_mm: args.wand_mm,
         distances: args.distance.clone(),
         floor_stops: args.floor_stops,
@@ -432,7 +432,7 @@ fn wishes(args: &CalibrateArgs) -> Wishes {
     }
 }
 
-/// Lengths of two calibrations that differ by a larger part of them are told apart [–].
+/// Lengths of two calibrations that differ by a larger part of them count as different [–].
 const SAME_LENGTH: f64 = 0.02;
 /// Lengths that differ by a larger factor are no older calibration's roughness: the side of a square is wrong, or an inch was taken for
 /// something else [–].
@@ -451,11 +451,10 @@ fn other_lengths(solved: &Solved, older: &Calibration) -> Result<Option<String>,
     let Some(pair) = pairs.max_by(|a, b| distance(a).total_cmp(&distance(b))) else { return Ok(None) };
     let [new_m, older_m] = [distance(&pair), distance(&pair) * older_from_new];
     let [first, second] = [&pair.0.name, &pair.1.name];
-    let both = format!(
-        "by what was shown now, {first} and {second} are {new_m:.3} m apart, by the older calibration {older_m:.3} m"
-    );
+    let both =
+        format!("{first} and {second} are {new_m:.3} m apart now, and {older_m:.3} m apart in the older calibration");
     if (1.0 / CONTRADICTION..CONTRADICTION).contains(&older_from_new) {
-        return Ok(Some(format!("lengths are other ones than before: {both}\n")));
+        return Ok(Some(format!("lengths differ from the older calibration: {both}\n")));
     }
     Err(format!(
         "error: lengths contradict each other: {both}; check the length of the wand or the side of the squares, or say --from-nothing"

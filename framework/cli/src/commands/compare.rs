@@ -27,13 +27,13 @@ pub struct CompareArgs {
     /// Another, of any of these forms; a reference for a PLY is a PLY
     #[arg(value_hint = clap::ValueHint::FilePath)]
     b: PathBuf,
-    /// What says which point is which [default: names, or nearest where no name is in both]
+    /// How points are paired [default: by name, or by distance where no name is in both]
     #[arg(long = "match", value_enum)]
     pairing: Option<PairingArg>,
     /// Lay B onto A by the rotation and translation that fit best; of PLY files A onto B, from anywhere
     #[arg(long)]
     align: bool,
-    /// Of PLY files: as `--align`, with a scale, which is told
+    /// Of PLY files: as `--align`, with a scale, which is reported
     #[arg(long)]
     scale: bool,
     /// Of PLY files: pairs farther apart than this are counted and left out [mm]
@@ -48,10 +48,10 @@ pub struct CompareArgs {
     /// Look for a shift in time, at most this large, by cross-correlation of speeds [s]
     #[arg(long, value_name = "SECONDS", value_parser = seconds_of_gap)]
     shift: Option<f64>,
-    /// How long a unit of A is, whatever it says [m]
+    /// Length of a unit of A, in place of the file's own [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit_a: Option<f64>,
-    /// How long a unit of B is, whatever it says [m]
+    /// Length of a unit of B, in place of the file's own [m]
     #[arg(long, value_name = "METRES", value_parser = length)]
     metres_per_unit_b: Option<f64>,
     /// End with exit code 3 unless 95 % of all samples (of PLY files, of the points of A that lie over B, which must be half of them) are at most this far apart [mm]
@@ -65,7 +65,7 @@ pub struct CompareArgs {
     summary: bool,
 }
 
-/// What says which point is which.
+/// How points are paired.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PairingArg {
     /// Equal names, whatever their capitals, blanks and signs

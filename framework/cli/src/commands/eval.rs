@@ -29,7 +29,7 @@ use crate::{exit, interrupt, results};
 const KEPT: [&str; 4] = ["summary.json", "timing.json", "ledger.csv", "events.csv"];
 /// Notes of the runs that are shown.
 const MOST_NOTES: usize = 6;
-/// Words of a failed seed that are shown.
+/// Most characters of a failed seed's message that are shown.
 const MOST_SAID: usize = 200;
 
 /// Wall time of finding the calibration of a seed's laboratory, when that was done [s].
@@ -59,7 +59,7 @@ pub struct EvalArgs {
     /// Seeds at a time [default: one for each core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: Option<u16>,
-    /// A promise on a figure, as `error_mm.median<=2.5` for every seed or `median error_mm.median<=2` for the middle of them; exit code 3 where
+    /// A bound on a figure, as `error_mm.median<=2.5` for every seed or `median error_mm.median<=2` for the middle of them; exit code 3 where
     /// one does not hold. May be given several times
     #[arg(long, value_name = "PROMISE")]
     bound: Vec<Bound>,
@@ -167,7 +167,7 @@ fn conclude(args: &EvalArgs, evaluation: &Evaluation, cameras: &[String], folder
     interrupt::caught().map_or(code, |it| it.code)
 }
 
-/// What runs said at their end (that a recording was not there, say), each sentence once, those first that most of them said.
+/// Notes of runs at their end (such as a missing recording), each sentence once, the most frequent first.
 fn notes(evaluation: &Evaluation, folder: &Path) -> Vec<String> {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     let mut splitter = Splitter::new(',');

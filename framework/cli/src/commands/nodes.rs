@@ -14,18 +14,7 @@ use crate::output::say;
 
 pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
     let Some(name) = node_type else {
-        let width = registry.iter().map(|it| it.name.len()).max().unwrap_or(0);
-        let mut text = String::new();
-        for it in registry.iter() {
-            let _ = writeln!(text, "{:width$}  {:<20}  {}", it.name, it.role.name(), it.summary);
-        }
-        for library in registry.libraries() {
-            let mine = registry.iter().filter(|it| it.origin == Origin::Library(library.to_owned()));
-            let names: Vec<&str> = mine.map(|it| it.name).collect();
-            let _ = writeln!(text, "\n{} from the library {}", names.join(", "), library.display());
-        }
-        text += "\n`foveate nodes TYPE` shows the ports, settings and figures of one.\n";
-        say(&text);
+        say(&list(registry));
         return exit::DONE;
     };
     match registry.get(name) {
@@ -40,6 +29,29 @@ pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
             exit::INPUT
         }
     }
+}
+
+/// All node types with one line each, grouped by plugin.
+pub fn list(registry: &Registry) -> String {
+    let width = registry.iter().map(|it| it.name.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    let mut plugin = "";
+    for it in registry.iter() {
+        let of = it.name.split('.').next().unwrap_or_default();
+        if of != plugin {
+            let gap = if plugin.is_empty() { "" } else { "\n" };
+            let _ = writeln!(text, "{gap}{of}");
+            plugin = of;
+        }
+        let _ = writeln!(text, "  {:width$}  {}", it.name, it.summary.trim_end_matches('.'));
+    }
+    for library in registry.libraries() {
+        let mine = registry.iter().filter(|it| it.origin == Origin::Library(library.to_owned()));
+        let names: Vec<&str> = mine.map(|it| it.name).collect();
+        let _ = writeln!(text, "\n{} from the library {}", names.join(", "), library.display());
+    }
+    text += "\n`foveate nodes TYPE` shows the ports, settings and figures of one.\n";
+    text
 }
 
 /// One node type for people.
@@ -77,8 +89,8 @@ fn describe(node_type: &NodeType) -> String {
 
 fn taking(port: &InputSpec) -> String {
     let how = port.policy.in_words();
-    let many = if port.many { ", of any number of cameras" } else { "" };
-    let optional = if port.optional { ", may be left open" } else { "" };
+    let many = if port.many { ", many sources" } else { "" };
+    let optional = if port.optional { ", optional" } else { "" };
     format!("{how}{many}{optional}")
 }
 
@@ -111,7 +123,8 @@ fn figure(it: &FigureSpec) -> String {
     text
 }
 
-fn wrap(text: &str, width: usize) -> Vec<String> {
+/// `text` in lines of at most `width` characters, broken between words.
+pub(super) fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let full = lines

@@ -20,7 +20,7 @@ pub struct PatternsArgs {
     /// What the patterns carry
     #[arg(long, value_enum, default_value_t = CodeKind::Gray)]
     code: CodeKind,
-    /// What follows what: words out of columns, rows, white, black; of a boundary code, the first of columns and rows
+    /// Order of the pictures: words out of columns, rows, white, black; for a boundary code, which of columns and rows comes first
     #[arg(long, value_name = "WORDS", default_value = "columns rows white black")]
     order: String,
     /// No inverse pictures: white and black give the threshold
@@ -69,7 +69,7 @@ fn gamma(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("found {text}, expected a number from 0.2 to 5"))
 }
 
-/// An option that says nothing about the pictures asked for.
+/// An option that does not apply to the requested code.
 fn without_effect(args: &PatternsArgs) -> Option<String> {
     use CodeKind::{Boundary, Gray, Phase};
     let given: [(&str, bool, &[CodeKind]); 6] = [

@@ -15,7 +15,7 @@ use crate::{exit, interrupt};
 /// What `foveate sim` starts.
 #[derive(Debug, Subcommand)]
 pub(super) enum SimWhat {
-    /// A pan-tilt head, a Sony EVI-D30, that speaks VISCA to whoever connects, until Ctrl-C
+    /// A pan-tilt head, a Sony EVI-D30, that answers VISCA to every client, until Ctrl-C
     Head(HeadArgs),
 }
 

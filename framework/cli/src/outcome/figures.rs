@@ -1,13 +1,13 @@
-//! The figures of a run as a person reads them: by scale, accuracy first, what belongs together in one line.
+//! The figures of a run as a person reads them: by scale, accuracy first, what belongs together in one line. Where nodes declare headlines, these
+//! alone, in words; all others are in `summary.json`.
 
 use std::collections::BTreeMap;
 
 use foveate_engine::Outcome;
 use foveate_rig::graph::{Graph, Instance};
 
-/// Lines shown of each scale at most, and of all scales together; the rest is in the file.
-const LINES_OF_SCALE: usize = 16;
-const LINES: usize = 44;
+/// Lines shown of each scale at most, so that the end of a run is one screen; the rest is in the file.
+const LINES_OF_SCALE: usize = 8;
 /// Of so many cameras what a node without outputs measured of each is shown.
 const FEW_CAMERAS: usize = 4;
 /// Last parts of names that are statistics of one quantity.
@@ -30,11 +30,21 @@ const HOW_MUCH: [&str; 8] = [
 #[derive(Debug, Clone, PartialEq)]
 struct Quantity<'a> {
     name: &'a str,
+    /// What stands in brackets behind the statistic, such as a camera.
+    of: &'a str,
+    /// In words, where its node says it so.
+    headline: Option<&'static str>,
     /// Name of the statistic, empty for a number by itself, and value.
     values: Vec<(&'a str, f64)>,
-    /// Where the name does not say it.
+    /// Where what is shown does not say it.
     unit: Option<&'static str>,
     rank: Rank,
+}
+
+impl Quantity<'_> {
+    fn words(&self) -> String {
+        format!("{}{}", self.headline.unwrap_or(self.name), self.of)
+    }
 }
 
 /// What is read first.
@@ -51,30 +61,40 @@ enum Rank {
 /// The lines, and how many figures are left out of them that are in the file.
 pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
     let report = &outcome.report;
+    let headline = |name: &String| report.about.get(name).and_then(|it| it.headline);
+    let has_headlines = report.figures.keys().any(|it| headline(it).is_some());
     let mut of_scales: BTreeMap<usize, Vec<Quantity<'_>>> = BTreeMap::new();
     let mut n_left_out = 0;
     for (name, value) in &report.figures {
         let node = report.origins.get(name).and_then(|path| graph.instances.iter().find(|it| it.path == *path));
-        // What is said of each camera, and a node's own bookkeeping, are for the file.
-        let is_shown = is_of_the_only_camera(graph, node, report.figures.keys(), name)
-            || node.is_some_and(|it| is_result(graph, it, name) || is_result_of_few(graph, it, name));
-        if is_for_the_file(graph, name) && !is_shown {
+        let is_shown = if has_headlines {
+            headline(name).is_some() && is_of_all_or_few(graph, name)
+        } else {
+            // What is said of each camera, and a node's own bookkeeping, are for the file.
+            !is_for_the_file(graph, name)
+                || is_of_the_only_camera(graph, node, report.figures.keys(), name)
+                || node.is_some_and(|it| is_result(graph, it, name) || is_result_of_few(graph, it, name))
+        };
+        if !is_shown {
             n_left_out += 1;
             continue;
         }
-        let (stem, statistic) = split(name);
+        let (stem, statistic, of) = split(name);
         let quantities = of_scales.entry(node.map_or(graph.scales.len(), |it| it.scale)).or_default();
-        match quantities.last_mut().filter(|it| it.name == stem && !statistic.is_empty()) {
+        match quantities.iter_mut().find(|it| it.name == stem && it.of == of && !statistic.is_empty()) {
             Some(quantity) => quantity.values.push((statistic, *value)),
             None => {
                 let rank = rank(node.map_or("", |it| it.node_type.name), stem);
-                let unit = report.about.get(name).and_then(|it| it.unit_beside(name));
-                quantities.push(Quantity { name: stem, values: vec![(statistic, *value)], unit, rank });
+                let about = report.about.get(name);
+                let unit = about.and_then(|it| if has_headlines { it.dimension() } else { it.unit_beside(name) });
+                let values = vec![(statistic, *value)];
+                quantities.push(Quantity { name: stem, of, headline: headline(name), values, unit, rank });
             }
         }
     }
     let has_several = of_scales.len() > 1;
-    let share = (LINES / of_scales.len().max(1)).max(LINES_OF_SCALE);
+    let all = of_scales.values().flatten();
+    let width = all.map(|it| it.words().chars().count()).max().unwrap_or(0);
     let mut lines = Vec::new();
     for (scale, mut quantities) in of_scales {
         // What is of the whole run comes before what is of one camera or head.
@@ -84,18 +104,24 @@ pub(super) fn table(graph: &Graph, outcome: &Outcome) -> (Vec<String>, usize) {
         }
         let (measured, empty): (Vec<_>, Vec<_>) =
             quantities.iter().partition(|it| it.values.iter().any(|it| it.1.is_finite()));
-        let width = measured.iter().take(share).map(|it| it.name.len()).max().unwrap_or(0);
-        lines.extend(measured.iter().take(share).map(|it| {
+        lines.extend(measured.iter().take(LINES_OF_SCALE).map(|it| {
             let unit = it.unit.map_or(String::new(), |unit| format!(" {unit}"));
-            format!("  {:width$}  {}{unit}", it.name, numbers(&it.values))
+            format!("  {:width$}  {}{unit}", it.words(), numbers(&it.values))
         }));
-        n_left_out += measured.iter().skip(share).map(|it| it.values.len()).sum::<usize>();
-        let names: Vec<&str> = empty.iter().map(|it| it.name).collect();
+        n_left_out += measured.iter().skip(LINES_OF_SCALE).map(|it| it.values.len()).sum::<usize>();
+        let names: Vec<String> = empty.iter().map(|it| it.words()).collect();
         if !names.is_empty() {
             lines.push(format!("  nothing to measure: {}", names.join(", ")));
         }
     }
     (lines, n_left_out)
+}
+
+/// Whether a figure is of the whole run, or of one of few cameras; what is compared with it, and another node's version of it, are for the file.
+fn is_of_all_or_few(graph: &Graph, name: &str) -> bool {
+    let of = split(name).2.trim_matches(['[', ']']);
+    let is_of_camera = of_camera(graph, name) || graph.calibration.index_of(of).is_some();
+    if is_of_camera { graph.calibration.cameras.len() <= FEW_CAMERAS || !of.is_empty() } else { of.is_empty() }
 }
 
 fn is_for_the_file(graph: &Graph, name: &str) -> bool {
@@ -166,9 +192,11 @@ fn of_camera(graph: &Graph, name: &str) -> bool {
     name.split('.').any(|it| graph.calibration.index_of(it).is_some())
 }
 
-/// A quantity, and which statistic of it this is.
-fn split(name: &str) -> (&str, &str) {
-    name.rsplit_once('.').filter(|it| STATISTICS.contains(&it.1)).unwrap_or((name, ""))
+/// A quantity, which statistic of it this is, and what stands in brackets behind both.
+fn split(name: &str) -> (&str, &str, &str) {
+    let (rest, of) = name.split_at(name.find('[').unwrap_or(name.len()));
+    let (stem, statistic) = rest.rsplit_once('.').filter(|it| STATISTICS.contains(&it.1)).unwrap_or((rest, ""));
+    (stem, statistic, of)
 }
 
 /// Whether nodes of a type hold what others recovered against the truth, or against what was measured otherwise.
@@ -239,8 +267,9 @@ mod tests {
 
     #[test]
     fn statistics_of_a_quantity_are_one_line_in_their_usual_order() {
-        assert_eq!(split("body.error_mm.median"), ("body.error_mm", "median"));
-        assert_eq!(split("body.completeness"), ("body.completeness", ""));
+        assert_eq!(split("body.error_mm.median"), ("body.error_mm", "median", ""));
+        assert_eq!(split("body.completeness"), ("body.completeness", "", ""));
+        assert_eq!(split("off_centre_px.mean[ptz-1]"), ("off_centre_px", "mean", "[ptz-1]"));
         assert_eq!(numbers(&[("max", 9.0), ("p95", 2.455), ("median", 0.915)]), "median 0.915   p95 2.455   max 9");
     }
 

@@ -1,4 +1,4 @@
-//! The folder of one run: made for it, its own while it runs, and gone again where nothing came of it.
+//! The folder of one run: made and locked for it, and removed again where it stays empty.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Write};
@@ -12,7 +12,7 @@ use serde_json::json;
 use super::write_whole;
 use crate::interrupt::{self, Signal};
 
-/// Held while a run writes into the folder. The system lets go of it when the run ends in whatever way, so that a file left behind blocks nobody.
+/// Held while a run writes into the folder. The system releases it when the run ends in whatever way, so that a file left behind blocks no later run.
 const LOCK: &str = ".foveate.lock";
 
 /// What the signals' thread has to clean up.
@@ -197,7 +197,7 @@ fn now_s() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |it| it.as_secs())
 }
 
-/// Who holds a lock, out of what stands in it: `: rig room, process 17, since 09:20:00 UTC (70 s ago)`.
+/// The holder of a lock, from its content: `: rig room, process 17, since 09:20:00 UTC (70 s ago)`.
 fn holder(words: &str, now_s: u64) -> String {
     let mut lines = words.lines();
     let mut number = || lines.next().and_then(|it| it.parse::<u64>().ok());

@@ -11,7 +11,7 @@ use foveate_node::report::Report;
 /// How long a node may take to finish, and to be let go: files of a long session take their time on a slow disk.
 pub(super) const FINISH_PATIENCE: Duration = Duration::from_secs(180);
 
-/// What is asked of a node at its end.
+/// A request to a node at its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Job {
     Finish,

@@ -107,7 +107,7 @@ impl Stage {
     }
 
     /// If the activation of `index` gave one message, to one idle node of this worker that would be next anyway: hands it over and
-    /// says to whom. Nearly every activation of a chain.
+    /// returns that node. Nearly every activation of a chain.
     pub(super) fn pass_on(&mut self, index: usize, now: Time) -> Option<usize> {
         let [(output, packet)] = &self.outbox.packets[..] else { return None };
         if self.n_ready > 0 || !self.outbox.gaps.is_empty() {

@@ -1,4 +1,4 @@
-//! What becomes of a node that fails: stopped, skipped or made anew, as the rig says.
+//! Recovery from failures of a node: stop, skip or restart, as the rig says.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::Stage;
 use crate::inbox::Inbox;
 use crate::slot::in_words;
 
-/// A node that fails is made anew at most so often without an activation that went well in between.
+/// Restarts of a failing node, at most, without a successful activation in between.
 const MOST_RESTARTS: u32 = 5;
 /// The first restart comes at once, the second after this time; each further one takes twice as long.
 const FIRST_PAUSE: Interval = Interval(100_000_000);
@@ -27,7 +27,7 @@ impl Stage {
         let action = match instance.on_error {
             OnError::Stop => "stopped",
             OnError::Skip if !panicked => "message skipped",
-            OnError::Skip | OnError::Restart if is_worn_out => "stopped after five restarts in vain",
+            OnError::Skip | OnError::Restart if is_worn_out => "stopped after five failed restarts",
             OnError::Skip | OnError::Restart => "restarted",
         };
         self.faults.failure(&instance.path, seen, &error, action);
@@ -36,7 +36,7 @@ impl Stage {
         }
         // Before another one is made: two of them cannot hold one device.
         if let Err(said) = slot.drop_node() {
-            self.faults.failure(&instance.path, seen, &NodeError::program(said), "while it was let go");
+            self.faults.failure(&instance.path, seen, &NodeError::program(said), "while it was dropped");
         }
         if action != "restarted" {
             return slot.close(&mut self.ends, seen);
@@ -50,7 +50,7 @@ impl Stage {
         self.revive(index, now);
     }
 
-    /// Makes a node anew whose time has come; one that cannot be made is tried again later.
+    /// Restarts a node whose time has come; one that cannot be made is tried again later.
     pub(super) fn revive(&mut self, index: usize, now: Time) {
         let graph = Arc::clone(&self.graph);
         let instance = &graph.instances[index];

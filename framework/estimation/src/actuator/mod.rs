@@ -1,25 +1,25 @@
-//! A pair of motors that answer late: how late, and where they are, from what they were told and what they said.
+//! Estimates latency and pose of a two-axis device (a pan-tilt head) from the commands sent and the angles reported.
 //!
-//! [Davis 2002 §5.2] finds that the pose of a head in motion is never known: only where it was told to go. Here many simulated heads run beside
-//! the real one, each with another latency and another acceleration, on the orders that were sent. Those that were where the head said that it was
-//! weigh most. Their weighted mean is the latency, with a standard deviation, and where the head is at any time, between two answers and after the
-//! last one, up to the time to which its orders reach.
+//! The pose of a head in motion is not known directly, only where it was commanded to go [Davis 2002 §5.2]. Here many
+//! simulated heads, each with another latency and acceleration, execute the commands that were sent; candidates that
+//! agree with the reported angles weigh most. Their weighted mean gives the latency, with a standard deviation, and
+//! the head's angles at any time: between two reports, and after the last one as far as the commands reach.
 //!
-//! What the mean misses answers by beyond their rounding is in the variances: of a head that stands as an angle, of one that moves as a time by which the mean is late, so that a fast move
-//! says nothing against where the head stands afterwards.
+//! The variances include how far the mean misses reports beyond their rounding: for a head at rest as an angle, for a
+//! moving head as a time by which the mean is late. So a fast move does not raise the stated error at rest.
 //!
-//! An answer pulls all of them a little towards it, so that what no order explains (a hand, a lost order, a limit) does not stay.
+//! Each report pulls all candidates a little towards itself, so that errors no command explains (a hand, a lost command, a limit) decay.
 
-mod follow;
 mod motor;
 #[cfg(test)]
 mod tests;
+mod track_path;
 
 use std::collections::VecDeque;
 
-pub use self::follow::{Ability, follow};
 use self::motor::Motor;
 pub use self::motor::Order;
+pub use self::track_path::{MotorLimits, track_path};
 
 /// Step of the simulation [s].
 const STEP_S: f64 = 0.004;
@@ -42,20 +42,20 @@ const KEPT_S: f64 = 2.0;
 /// Without an answer, what is further back than this is not changed by one any more [s].
 const SILENCE_S: f64 = 0.5;
 
-/// What is known of a head beforehand.
+/// What is known of a head before it moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActuatorOptions {
-    /// From an order on the line to the first movement, and how well that is known, standard deviation [s].
+    /// Latency from a command on the line to the first movement: mean and standard deviation [s].
     pub latency_s: [f64; 2],
-    /// The largest latency that is tried [s].
+    /// The largest latency to try [s].
     pub most_latency_s: f64,
-    /// Acceleration: the middle one of those that are tried [rad/s²].
+    /// Acceleration; the middle one of those tried [rad/s²].
     pub acceleration: f64,
-    /// What answers of pan and tilt are rounded to [rad].
+    /// Rounding of reported pan and tilt: one step [rad].
     pub quantum: [f64; 2],
-    /// What shakes on the motors, such as a camera after each change of speed, standard deviation [rad].
+    /// Shake of the camera on the motors, for example after a change of speed, standard deviation [rad].
     pub shake: f64,
-    /// For how long answers count, as a time constant [s].
+    /// Time constant with which older reports lose weight [s].
     pub memory_s: f64,
 }
 
@@ -67,18 +67,18 @@ impl Default for ActuatorOptions {
     }
 }
 
-/// Where the motors are at one time.
+/// Angles and rates of both axes at one time, with variances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActuatorState {
     /// Pan and tilt [rad].
     pub angles: [f64; 2],
-    /// [rad/s]
+    /// Rates of pan and tilt [rad/s].
     pub rates: [f64; 2],
-    /// Of the angles [rad²].
+    /// Variances of the two angles [rad²].
     pub variances: [f64; 2],
 }
 
-/// See the [module](self).
+/// Estimates latency, angles and rates of a two-axis device; see the [module](self).
 #[derive(Debug, Clone)]
 pub struct ActuatorEstimator {
     options: ActuatorOptions,
@@ -138,7 +138,7 @@ struct Candidate {
 }
 
 impl ActuatorEstimator {
-    /// Motors that rest at `angles` [rad] at `time_s`.
+    /// An estimator for a device whose motors rest at `angles` [rad] at `time_s`.
     pub fn new(options: ActuatorOptions, time_s: f64, angles: [f64; 2]) -> ActuatorEstimator {
         let mut candidates = Vec::new();
         let n_latencies = (options.most_latency_s / LATENCY_STEP_S).floor().max(0.0) as usize;
@@ -173,13 +173,13 @@ impl ActuatorEstimator {
         actuator
     }
 
-    /// The head was told this at `time_s`, after all orders before.
+    /// Takes in a command that was sent at `time_s`, after all earlier ones.
     pub fn order(&mut self, time_s: f64, orders: [Order; 2]) {
         self.orders.push_back((time_s, orders));
     }
 
-    /// The head said that it was at `angles` [rad] at some time between `earliest_s` and `latest_s`. An answer of a time that is
-    /// past recall changes nothing.
+    /// Takes in a report: the device was at `angles` [rad] at some time between `earliest_s` and `latest_s`. A report
+    /// from before the start of the stored history changes nothing.
     pub fn answer(&mut self, earliest_s: f64, latest_s: f64, angles: [f64; 2]) {
         let (middle, width) = (0.5 * (earliest_s + latest_s), (latest_s - earliest_s).max(0.0));
         // The head says where its motors are: what shakes on them does not show.
@@ -189,8 +189,9 @@ impl ActuatorEstimator {
         }
     }
 
-    /// What it carries was seen to stand at `angles` [rad] at `time_s`, known to `variances` [rad²]: in a picture, by a target whose place is known. Before
-    /// the head has answered once, or at a time past recall, that changes nothing.
+    /// Takes in the angles of what the device carries as measured otherwise, for example from a known target in its
+    /// picture: `angles` [rad] at `time_s` with `variances` [rad²]. Before the first report, or for a time before the
+    /// stored history, it changes nothing.
     pub fn observation(&mut self, time_s: f64, angles: [f64; 2], variances: [f64; 2]) {
         if self.last_answer_s.is_some() && variances.iter().all(|it| it.is_finite()) {
             self.take_in(time_s, 0.0, angles, variances.map(|it| it + self.options.shake.powi(2)));
@@ -231,7 +232,8 @@ impl ActuatorEstimator {
         true
     }
 
-    /// Where the motors are at `time_s`: by all answers in the past two seconds, and by all orders after the last answer. `None`: too long ago.
+    /// Angles and rates at `time_s`, by all reports of the past two seconds and all commands after the last report.
+    /// `None`: before the stored history.
     pub fn at(&mut self, time_s: f64) -> Option<ActuatorState> {
         self.carry_to(time_s - SILENCE_S);
         if time_s >= self.now_s {
@@ -249,20 +251,20 @@ impl ActuatorEstimator {
         })
     }
 
-    /// From an order on the line to the first movement: mean and standard deviation [s].
+    /// Latency from a command on the line to the first movement: mean and standard deviation [s].
     pub fn latency(&self) -> [f64; 2] {
         let mean: f64 = self.candidates.iter().map(|it| it.weight * it.latency_s).sum();
         let square: f64 = self.candidates.iter().map(|it| it.weight * (it.latency_s - mean).powi(2)).sum();
-        // Latencies between two that are tried are not told apart.
+        // Latencies between two candidates are not distinguished.
         [mean, (square + LATENCY_STEP_S.powi(2) / 12.0).sqrt()]
     }
 
-    /// When the head was heard last [s].
+    /// Time of the last report or observation taken in [s].
     pub fn last_answer_s(&self) -> Option<f64> {
         self.last_answer_s
     }
 
-    /// Acceleration, weighted mean [rad/s²].
+    /// Estimated acceleration, weighted mean over the candidates [rad/s²].
     pub fn acceleration(&self) -> f64 {
         self.candidates.iter().map(|it| it.weight * it.acceleration).sum()
     }

@@ -1,16 +1,16 @@
-//! One motor with limited speed and acceleration that is told where to go.
+//! Model of one motor with limited speed and acceleration.
 
-/// What a motor is told.
+/// A command to a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// Go there, at most at this speed, and stop.
+    /// Go to a goal, at most at this speed, and stop there.
     Go {
-        /// Where [rad].
+        /// Angle to go to [rad].
         goal: f64,
-        /// Above 0 [rad/s].
+        /// Highest speed on the way, above 0 [rad/s].
         speed: f64,
     },
-    /// Turn at this rate until told otherwise [rad/s].
+    /// Turn at this rate until the next command [rad/s].
     Turn(f64),
 }
 

@@ -9,7 +9,7 @@ const TICK_S: f64 = 0.001;
 /// What a run ended with.
 struct Run {
     actuator: ActuatorEstimator,
-    /// Root of the mean squared error of pan as it was told 30 ms later, and root of the mean variance stated for it [rad].
+    /// Root of the mean squared error of pan as it was reported 30 ms later, and root of the mean variance stated for it [rad].
     error: f64,
     stated: f64,
 }

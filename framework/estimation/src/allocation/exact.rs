@@ -1,18 +1,19 @@
-//! The optimum, by dynamic programming over sets of heads.
+//! The optimal allocation, by dynamic programming over sets of heads.
 //!
-//! With `best[t][A]` the most that the first *t* targets are worth if they share the heads in *A*:
-//! `best[t][A]` = max over *S* ⊆ *A* of net(*t*, *S*) + `best[t−1][A \ S]`. All pairs *S* ⊆ *A* are 3ⁿ; fewer, since a set that is worth no more than
-//! one of its own parts is never looked at, nor one that is larger than allowed. The last target needs *A* = all heads only.
+//! Let `best[t][A]` be the highest value of the first *t* targets when they share the heads in *A*:
+//! `best[t][A]` = max over *S* ⊆ *A* of net(*t*, *S*) + `best[t−1][A \ S]`. There are 3ⁿ pairs *S* ⊆ *A*; sets that
+//! are worth no more than one of their subsets, or are larger than allowed, are skipped. The last target needs *A* =
+//! all heads only.
 
 use super::{Allocation, Problem};
 
-/// The best allocation there is. Equal ones: heads that gain nothing stay free, and which of the others it is depends on the order
-/// of heads and targets alone.
+/// The allocation with the highest total. Ties: heads that gain nothing stay free; among equal allocations the choice
+/// depends only on the order of heads and targets.
 ///
-/// Time and memory grow with 3ⁿ and 2ⁿ in the number of heads that can look at a target at all.
+/// Time grows with 3ⁿ and memory with 2ⁿ in the number of heads that can look at a target at all.
 ///
 /// # Panics
-/// For more than 20 of these.
+/// With more than 20 such heads.
 pub fn optimal(problem: &Problem) -> Allocation {
     let heads = useful(problem);
     assert!(heads.len() <= 20, "{} heads: the optimum would take too long, expected at most 20", heads.len());

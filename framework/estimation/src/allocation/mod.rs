@@ -1,13 +1,14 @@
-//! Which head looks at which target: "given a set of small scale targets and a pool of available pan-tilt cameras […], an optimal
-//! assignment of resources to targets could be found" [Davis 2002 §6.3].
+//! Assignment of pan-tilt heads to targets: "given a set of small scale targets and a pool of available pan-tilt
+//! cameras […], an optimal assignment of resources to targets could be found" [Davis 2002 §6.3].
 //!
-//! Unlike in [`assignment`](crate::assignment), a target wants several heads, and what a head is worth to it depends on the others: two
-//! whose lines of sight cross well fix a point in space, two side by side hardly do. Each head looks at one target at most. The sum
+//! Unlike in [`assignment`](crate::assignment), a target wants several heads, and the value of a head depends on the
+//! others: two lines of sight that cross at a wide angle fix a point in space, two nearly parallel ones hardly do.
+//! Each head looks at one target at most. The total
 //!
 //! Σ over targets *t* of (weightₜ · [`Worth::of_set`]\(lines of sight of the heads at *t*) − their costs at *t*)
 //!
-//! is made largest: by [`optimal`], dynamic programming over sets of heads, or by [`search`], which starts from good guesses and solves
-//! two and three targets at a time. [`solve`] takes the one that the size allows.
+//! is maximised: by [`optimal`], dynamic programming over sets of heads, or by [`search`], a local search over two and
+//! three targets at a time from good starts. [`solve`] chooses by the size of the problem.
 
 mod exact;
 mod search;
@@ -21,13 +22,13 @@ pub use worth::Worth;
 
 use nalgebra::Vector3;
 
-/// As many heads as a set holds.
+/// The most heads that a problem can have.
 pub const MAX_HEADS: usize = 64;
 
-/// Heads up to which [`solve`] asks for the optimum: eight milliseconds for eight targets; each further one more than doubles that.
+/// The most heads for which [`solve`] computes the optimum: eight milliseconds for eight targets; each further head more than doubles the time.
 pub const EXACT_HEADS: usize = 14;
 
-/// Heads, targets, and what each of them is to the other.
+/// An allocation problem: weights of targets, costs of pairs, and lines of sight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problem {
     heads: usize,
@@ -41,22 +42,24 @@ pub struct Problem {
     untold: Vec<f64>,
 }
 
-/// An answer.
+/// Which head looks at which target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Allocation {
-    /// By head: its target.
+    /// By head: its target, or `None` for a free head.
     pub target_of: Vec<Option<usize>>,
-    /// What it is worth less what it costs, in units of a target of weight 1 that is seen perfectly.
+    /// Total value minus total cost, in units of a target of weight 1 that is seen perfectly.
     pub total: f64,
 }
 
 impl Problem {
-    /// A target gets `most` heads at most. `weights`, one a target, say how much it counts, 0 and more; not a number: 0.
-    /// `costs[head * targets + target]` is what it costs to let that head look at that target, in the same unit; infinite or not a number:
-    /// it cannot. `towards`, in the same order, points from the target to the head; of any length.
+    /// A problem in which a target gets `most` heads at most.
+    ///
+    /// `weights`: one a target, how much it counts, 0 or more; NaN counts as 0. `costs[head * targets + target]`: the
+    /// cost of letting that head look at that target, in the same unit; infinite or NaN forbids the pair. `towards`,
+    /// in the same order: vectors from the target to the head, of any length.
     ///
     /// # Panics
-    /// When the lists do not fit each other, or there are more than [`MAX_HEADS`].
+    /// When the lengths of the lists do not match, or there are more than [`MAX_HEADS`] heads.
     pub fn new(worth: Worth, most: usize, weights: &[f64], costs: &[f64], towards: &[Vector3<f64>]) -> Problem {
         let targets = weights.len();
         assert_eq!(costs.len(), towards.len(), "there is a direction for each cost");
@@ -76,18 +79,18 @@ impl Problem {
         Problem { heads, targets, most, worth, weights, costs: by_target, untold }
     }
 
-    /// How many heads there are.
+    /// Number of heads.
     pub fn heads(&self) -> usize {
         self.heads
     }
 
-    /// How many targets there are.
+    /// Number of targets.
     pub fn targets(&self) -> usize {
         self.targets
     }
 
-    /// What `target_of` (by head) is worth less what it costs; minus infinity where a head cannot look at its target, or a target has
-    /// more heads than it may.
+    /// Value minus cost of the allocation `target_of` (by head); minus infinity where a head cannot look at its
+    /// target, or a target has more heads than allowed.
     pub fn total(&self, target_of: &[Option<usize>]) -> f64 {
         let mut held = vec![0u64; self.targets];
         target_of.iter().enumerate().for_each(|(head, target)| target.iter().for_each(|it| held[*it] |= 1 << head));
@@ -130,8 +133,8 @@ impl Problem {
     }
 }
 
-/// The optimum for up to [`EXACT_HEADS`] heads that can look at a target at all, else the best that [`search`] finds; `present`, by head,
-/// is one of its starts and may be empty.
+/// Solves the problem: optimally for up to [`EXACT_HEADS`] heads that can look at a target at all, else by [`search`].
+/// `present`, by head, is a start of the search (the allocation in force) and may be empty.
 pub fn solve(problem: &Problem, present: &[Option<usize>]) -> Allocation {
     if exact::useful(problem).len() <= EXACT_HEADS { optimal(problem) } else { search(problem, present) }
 }

@@ -1,9 +1,9 @@
-//! A good allocation where there are too many heads for the optimum.
+//! A good allocation where there are too many heads for the optimum: local search.
 //!
-//! It starts from a greedy one, and from the present one where there is one. Then the heads of two targets, and as many free ones as
-//! fit, are dealt out anew between the two, optimally: that holds every move of a head, every swap and every exchange with the free ones.
-//! When no two targets gain any more, three are tried, which holds chains in which one target's new head is the next one's old. Then each target in
-//! turn gives up its heads, the others take what they like, and it comes back last; what is found so is kept if it is better.
+//! The search starts from a greedy allocation, and from the present one if given. The heads of two targets, and as
+//! many free ones as fit, are then reallocated optimally between the two: this covers every move of a head, every swap
+//! and every exchange with a free head. When no two targets improve any more, three are tried, which covers chains of
+//! moves. Then each target in turn releases its heads and is reallocated last; an improvement is kept.
 
 use std::collections::HashSet;
 
@@ -22,7 +22,8 @@ const THREES: usize = 600;
 /// A gain below this is rounding.
 const LEAST_GAIN: f64 = 1e-9;
 
-/// Searches from a greedy start and from `present`, by head; empty: none. No worse than either, and the same for the same problem.
+/// Searches from a greedy start and from `present` (by head; empty: none). The result is no worse than either start,
+/// and the same for the same problem.
 pub fn search(problem: &Problem, present: &[Option<usize>]) -> Allocation {
     let mut search = Search::new(problem);
     let total = |held: &[u64]| held.iter().enumerate().map(|(target, set)| problem.net(target, *set)).sum::<f64>();
@@ -36,15 +37,15 @@ pub fn search(problem: &Problem, present: &[Option<usize>]) -> Allocation {
         }
     }
     // Until all have had their turn since the last gain.
-    let mut in_vain = 0;
+    let mut n_without_gain = 0;
     for target in (0..problem.targets).cycle() {
-        if in_vain == problem.targets {
+        if n_without_gain == problem.targets {
             break;
         }
         let without = search.without(target, found.clone());
-        in_vain += 1;
+        n_without_gain += 1;
         if total(&without) > total(&found) + LEAST_GAIN {
-            (found, in_vain) = (without, 0);
+            (found, n_without_gain) = (without, 0);
         }
     }
     problem.allocation(&found)
@@ -85,8 +86,8 @@ struct Search<'a> {
     all: u64,
     pairs: Vec<[usize; 2]>,
     threes: Vec<[usize; 3]>,
-    /// What was dealt out in vain: whose, which of them, and what was free.
-    in_vain: HashSet<([usize; 3], [u64; 3], u64)>,
+    /// Reallocations without a gain: whose, which of them, and what was free.
+    without_gain: HashSet<([usize; 3], [u64; 3], u64)>,
 }
 
 impl Search<'_> {
@@ -98,7 +99,7 @@ impl Search<'_> {
             all: useful(problem).iter().fold(0, |all, head| all | 1 << head),
             pairs: (0..n).flat_map(|b| (0..b).map(move |a| [a, b])).collect(),
             threes: threes.take(THREES).collect(),
-            in_vain: HashSet::new(),
+            without_gain: HashSet::new(),
         }
     }
 
@@ -135,19 +136,19 @@ impl Search<'_> {
         }
     }
 
-    /// Deals out the heads of `targets` anew, with the free ones, a handful at a time. Whether that gained something.
+    /// Reallocates the heads of `targets`, with the free ones, a handful at a time. Whether that gained something.
     fn deal(&mut self, targets: &[usize], held: &mut [u64]) -> bool {
         let free = self.all & !held.iter().fold(0, |a, b| a | b);
         let mut case = ([usize::MAX; 3], [0; 3], free);
         for (place, target) in targets.iter().enumerate() {
             (case.0[place], case.1[place]) = (*target, held[*target]);
         }
-        if self.in_vain.contains(&case) {
+        if self.without_gain.contains(&case) {
             return false;
         }
         let gained = self.deal_anew(targets, free, held);
         if !gained {
-            self.in_vain.insert(case);
+            self.without_gain.insert(case);
         }
         gained
     }

@@ -1,19 +1,20 @@
-//! What a set of lines of sight tells about the point in which they meet.
+//! The value of a set of lines of sight to one target.
 
 use nalgebra::Vector3;
 
-/// What it is worth to see a target from several sides: 0 unseen, 1 at best.
+/// How much it is worth to see a target from several sides: 0 unseen, 1 at best.
 ///
-/// Two lines that cross at the angle θ fix a point along their common direction to their own error over sin θ: a pair tells `pair` ·
-/// min(1, sin θ / sin `best_angle`), most between `best_angle` and its supplement, nothing where the lines are parallel or opposite. Pairs count
-/// like independent witnesses: what none of them tells is the product of what each does not. A head alone tells `one`.
+/// Two lines that cross at the angle θ fix a point along their common direction to their own error over sin θ: a pair
+/// is worth `pair` · min(1, sin θ / sin `best_angle`), most between `best_angle` and its supplement, nothing where the
+/// lines are parallel or opposite. Pairs count as independent: what is missing of the value is the product of what is
+/// missing for each pair. A single head is worth `one`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Worth {
-    /// Of one head alone, 0 to 1.
+    /// Value of a single head, 0 to 1.
     pub one: f64,
-    /// What the best pair tells of what one head does not, 0 to 1; below 1, further heads are worth something.
+    /// Part of the remaining value that the best pair adds, 0 to 1; below 1, further heads add more.
     pub pair: f64,
-    /// The least angle between lines of sight that is as good as any, above 0 and at most π/2 [rad].
+    /// The least angle between two lines of sight that is as good as any, above 0 and at most π/2 [rad].
     pub best_angle: f64,
 }
 
@@ -26,15 +27,14 @@ impl Default for Worth {
 }
 
 impl Worth {
-    /// What two lines of sight tell together that one does not, 0 to 1; the vectors point along them, of any length. 0 for a vector
-    /// without a direction.
+    /// Value that two lines of sight add to that of one, 0 to 1. The vectors point along them and have any length; a zero vector gives 0.
     pub fn of_pair(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
         let (Some(a), Some(b)) = (a.try_normalize(1e-12), b.try_normalize(1e-12)) else { return 0.0 };
         let across = a.cross(&b).norm() / self.best_angle.sin();
         if across.is_finite() { self.pair * across.min(1.0) } else { 0.0 }
     }
 
-    /// What it is worth to look along all of `lines`.
+    /// Value of looking along all of `lines`, 0 to 1.
     pub fn of_set(&self, lines: &[Vector3<f64>]) -> f64 {
         let mut untold = 1.0;
         for (place, line) in lines.iter().enumerate() {

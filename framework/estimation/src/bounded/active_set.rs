@@ -1,4 +1,4 @@
-//! The search for the weights that lie at bounds: ½ wᵀ G w − gᵀ w at its least, G the normal matrix and g the right side.
+//! Active-set search for the weights at bounds: minimises ½ wᵀ G w − gᵀ w, G the normal matrix and g the right side.
 
 use nalgebra::DMatrix;
 
@@ -11,10 +11,10 @@ const NOISE: f64 = 1e-12;
 /// Rounds before the search gives up; some tens are many.
 const ROUNDS: usize = 1000;
 
-/// Where a weight is held.
+/// Whether a weight is free or at a bound.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// Between the bounds, or not yet looked at.
+    /// Between the bounds, or not yet examined.
     Free,
     /// At the lower bound.
     Lower,
@@ -22,11 +22,12 @@ pub enum Side {
     Upper,
 }
 
-/// Weights with the side that each is on: the state of a search, and the start of the next one.
+/// The weights and their sides: the state of a search, and the start of the next one.
 ///
-/// In each round all weights are let go that would lower the cost by leaving their bound. Then the free ones go to their optimum, or as far as the
-/// bounds let them, all at once where that lowers the cost, else up to the first bound; those that meet a bound stay there, until an optimum within the
-/// bounds is reached. It ends, since each round either lowers the cost or lets fewer weights go.
+/// Each round releases all weights that lower the cost by leaving their bound. The free weights then go to their
+/// optimum, or as far as the bounds allow: all at once where that lowers the cost, else up to the first bound. Weights
+/// that meet a bound stay there, until an optimum within the bounds is reached. The search ends, since each round
+/// either lowers the cost or releases fewer weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActiveSet {
     weights: Vec<f64>,
@@ -43,7 +44,7 @@ pub struct ActiveSet {
 }
 
 impl ActiveSet {
-    /// All weights at the place nearest to zero that their bounds allow. As many as the shorter list of bounds has.
+    /// All weights at the value nearest to zero that their bounds allow; as many as the shorter list of bounds has.
     pub fn new(lower: &[f64], upper: &[f64]) -> Self {
         let n = lower.len().min(upper.len());
         let place = |(&low, &high): (&f64, &f64)| {
@@ -73,27 +74,27 @@ impl ActiveSet {
         }
     }
 
-    /// The weights.
+    /// The present weights.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// Where each is held.
+    /// The side of each weight.
     pub fn sides(&self) -> &[Side] {
         &self.sides
     }
 
-    /// Whether this weight lies between its bounds; one that does not exist does not.
+    /// Whether this weight lies between its bounds; `false` for an index out of range.
     pub fn is_free(&self, index: usize) -> bool {
         self.sides.get(index) == Some(&Side::Free)
     }
 
-    /// Weights between their bounds.
+    /// Number of weights between their bounds.
     pub fn n_free(&self) -> usize {
         self.sides.iter().filter(|it| **it == Side::Free).count()
     }
 
-    /// Free weights that the last system did not fix.
+    /// Number of free weights that the last system did not determine.
     pub fn n_undetermined(&self) -> usize {
         self.n_free().saturating_sub(self.factor.kept.len())
     }
@@ -110,10 +111,12 @@ impl ActiveSet {
         &self.product
     }
 
-    /// Goes to the least ½ wᵀ G w − gᵀ w, G = `gram` (symmetric, no negative eigenvalue), g = `right`; gives how many systems of equations it took.
+    /// Minimises ½ wᵀ G w − gᵀ w within the bounds; G = `gram` (symmetric, positive semidefinite), g = `right`.
+    /// Returns how many systems of equations were solved.
     ///
     /// # Errors
-    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::Crossed`]; [`BoundedError::Lost`] where G is no such matrix.
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::Crossed`]; [`BoundedError::Lost`] where
+    /// G is not positive semidefinite.
     pub fn minimise(
         &mut self,
         gram: &DMatrix<f64>,
@@ -231,7 +234,7 @@ impl ActiveSet {
             }
             fallen += gain;
             self.walk();
-            // Whoever the whole step would have taken over a bound, and is there now, stays there.
+            // A weight that the whole step takes over a bound, and that is at it now, stays there.
             for &index in &self.factor.kept {
                 let (weight, whole) = (self.weights[index], self.whole[index]);
                 if whole < 0.0 && (weight <= lower[index] || index == first) {

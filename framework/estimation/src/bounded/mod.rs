@@ -1,12 +1,32 @@
-//! Least squares between bounds: the weights at which |A w − b| is least, each within limits of its own.
+//! Bounded least squares: the weights that minimise |A w − b|, each within bounds of its own.
 //!
-//! The work is done on AᵀA, once made and then only mended where rows come and go: one row costs n² / 2 multiplications, a change of b none. An active set
-//! ([`ActiveSet`]) that begins where the last answer ended finds the weights at bounds in one or two rounds. What AᵀA has lost to rounding is
-//! won back at the end: the gradient is taken from A itself, the free weights are corrected by it until nothing changes, and the conditions of Karush,
-//! Kuhn and Tucker are checked with it. Where columns follow from each other but for a few millionths of their length, a slope is left over, which the answer states.
+//! AᵀA is formed once and then updated where rows enter or leave: one row costs n² / 2 multiplications, a change of b
+//! none. An active set ([`ActiveSet`]) that starts where the last solution ended finds the weights at bounds in one or
+//! two rounds. What AᵀA has lost to rounding is recovered at the end: the gradient is taken from A itself, the free
+//! weights are corrected by it until nothing changes, and the Karush–Kuhn–Tucker conditions are checked with it. Where
+//! columns are nearly dependent, to a few millionths of their length, a slope remains; the result states it.
 //!
-//! The problem is that of C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, and of P. B. Stark and R. L. Parker, "Bounded-variable
-//! least-squares: an algorithm and applications", Computational Statistics 10, 1995; several weights at a time change sides here.
+//! Source: C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, and P. B. Stark and R. L. Parker,
+//! "Bounded-variable least-squares: an algorithm and applications", Computational Statistics 10, 1995; here several
+//! weights at a time change sides.
+//!
+//! ```
+//! use foveate_estimation::BoundedLeastSquares;
+//! use nalgebra::DMatrix;
+//!
+//! // A line w₀ + w₁ x through four values whose slope is 2, where only slopes up to 1 are allowed.
+//! let matrix = DMatrix::from_row_slice(4, 2, &[1.0, 0.0, 1.0, 1.0, 1.0, 2.0, 1.0, 3.0]);
+//! let mut fit = BoundedLeastSquares::new(matrix, &[f64::NEG_INFINITY, 0.0], &[f64::INFINITY, 1.0])?;
+//! let found = fit.solve(&[0.0, 2.0, 4.0, 6.0], &[true; 4])?;
+//! // The slope stops at its bound; the offset is then the mean of y − x.
+//! assert!((found.weights[0] - 1.5).abs() < 1e-12);
+//! assert_eq!(found.weights[1], 1.0);
+//!
+//! // Without the last two rows: the next solution starts at this one.
+//! let found = fit.solve(&[0.0, 2.0, 4.0, 6.0], &[true, true, false, false])?;
+//! assert!((found.weights[0] - 0.5).abs() < 1e-12);
+//! # Ok::<(), foveate_estimation::BoundedError>(())
+//! ```
 
 mod active_set;
 #[cfg(test)]
@@ -18,76 +38,76 @@ pub use active_set::{ActiveSet, Side};
 
 /// How often the free weights are corrected by the exact gradient.
 const CORRECTIONS: usize = 6;
-/// Rows by which the normal matrix is mended before it is made anew, so that rounding cannot pile up.
+/// Rows by which the normal matrix is updated before it is formed again, so that rounding cannot pile up.
 const MENDED_AT_MOST: usize = 4096;
 /// A gradient is zero below this part of |column| · (|A w − b| + [`ROUNDING`] |b|).
 const FLAT: f64 = 1e-9;
 const ROUNDING: f64 = 1e-6;
 
-/// Why there is no answer.
+/// Why there is no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BoundedError {
-    /// Lists that do not go together.
+    /// Lists whose lengths do not match.
     #[error("{what}: found {found}, expected {expected}")]
     Lengths {
-        /// Of what.
+        /// Which list.
         what: &'static str,
-        /// How many there are.
+        /// Its length.
         found: usize,
-        /// How many there should be.
+        /// The length that was expected.
         expected: usize,
     },
-    /// A number that is none.
+    /// A number that is NaN or infinite.
     #[error("{what} {index} is not a finite number")]
     NotFinite {
         /// Which list.
         what: &'static str,
-        /// Its place there.
+        /// Index of the number in it.
         index: usize,
     },
     /// A lower bound above the upper one.
     #[error("weight {index} may be {lower} at least and {upper} at most: no weight is both")]
     Crossed {
-        /// Which weight.
+        /// Index of the weight.
         index: usize,
         /// Its lower bound.
         lower: f64,
         /// Its upper bound.
         upper: f64,
     },
-    /// No row counts.
-    #[error("none of {rows} rows counts: there is nothing to fit")]
+    /// Every row is marked as not to count.
+    #[error("none of {rows} rows is in use, expected at least one")]
     NoRows {
-        /// Rows of the matrix.
+        /// Number of rows of the matrix.
         rows: usize,
     },
-    /// The numbers span more than a double can hold.
-    #[error("no answer after {rounds} rounds; the numbers differ too much in size")]
+    /// The numbers span more orders of magnitude than double precision holds.
+    #[error("no solution after {rounds} rounds: the numbers differ too much in size")]
     Lost {
         /// Rounds of the search.
         rounds: usize,
     },
 }
 
-/// What [`BoundedLeastSquares::solve`] found.
+/// The solution of [`BoundedLeastSquares::solve`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Bounded {
     /// The weights, each within its bounds.
     pub weights: Vec<f64>,
-    /// |A w − b|², over the rows that count.
+    /// |A w − b|², over the rows in use.
     pub cost: f64,
-    /// How far the conditions of Karush, Kuhn and Tucker are from being kept: the largest slope by which |A w − b| could still be lowered, as the cosine
-    /// between a column and A w − b.
+    /// How far the Karush–Kuhn–Tucker conditions are from being met: the largest slope by which |A w − b| could still
+    /// be lowered, as the cosine between a column and A w − b.
     pub slope: f64,
-    /// Weights between their bounds.
+    /// Number of weights between their bounds.
     pub n_free: usize,
-    /// Weights that the rows do not fix, since their columns follow from others; they stay where they were.
+    /// Number of weights that the rows do not determine, since their columns depend on others; they keep their value.
     pub n_undetermined: usize,
-    /// Systems of equations solved on the way.
+    /// Number of systems of equations solved.
     pub n_solved: usize,
 }
 
-/// A matrix and bounds for which many right sides are solved, each near the one before.
+/// A matrix and bounds, to be solved for many right sides, each near the one before.
 #[derive(Debug, Clone)]
 pub struct BoundedLeastSquares {
     matrix: DMatrix<f64>,
@@ -107,10 +127,10 @@ pub struct BoundedLeastSquares {
 }
 
 impl BoundedLeastSquares {
-    /// For `matrix` (rows × weights) and the bounds of each weight, which may be infinite.
+    /// A solver for `matrix` (rows × weights) and the bounds of each weight; a bound may be infinite.
     ///
     /// # Errors
-    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`] (a bound may be infinite, not NaN), [`BoundedError::Crossed`].
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`] (also for a NaN bound), [`BoundedError::Crossed`].
     pub fn new(matrix: DMatrix<f64>, lower: &[f64], upper: &[f64]) -> Result<Self, BoundedError> {
         let n = matrix.ncols();
         check_bounds(n, lower, upper)?;
@@ -137,18 +157,18 @@ impl BoundedLeastSquares {
         })
     }
 
-    /// The next search begins at the weights nearest to zero, not at those of the last answer.
+    /// Discards the last solution: the next search starts at the weights nearest to zero.
     pub fn forget(&mut self) {
         self.set = ActiveSet::new(&self.lower, &self.upper);
     }
 
-    /// The weights for `values`, of the rows that `counts`. Values of other rows are not looked at.
+    /// The weights for the right side `values`, from the rows marked in `counts`. Values of other rows are not read.
     ///
     /// # Errors
-    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::NoRows`]; after an error the next call is as good as without it.
+    /// [`BoundedError::Lengths`], [`BoundedError::NotFinite`], [`BoundedError::NoRows`]. After an error the next call is as good as without it.
     pub fn solve(&mut self, values: &[f64], counts: &[bool]) -> Result<Bounded, BoundedError> {
         let rows = self.matrix.nrows();
-        for (what, found) in [("values", values.len()), ("marks of rows that count", counts.len())] {
+        for (what, found) in [("values", values.len()), ("marks of rows in use", counts.len())] {
             if found != rows {
                 return Err(BoundedError::Lengths { what, found, expected: rows });
             }

@@ -1,28 +1,28 @@
-//! Clock offsets and drifts of cameras that nobody synchronised, estimated while targets are tracked.
+//! Clock offsets and drifts of unsynchronised cameras, estimated while targets are tracked.
 //!
 //! A camera stamps what it sees at time t with s = t + δ: a clock that is ahead has a positive offset δ. Where a target moves
-//! in the image by u = J v [px/s], the pixel seen at t = s − δ lies −u δ from where the target is at the stamp. A filter that takes
-//! the stamp, less what is known of the offset (δ₀, zero if nothing is corrected), for the time therefore finds the innovation
+//! in the image by u = J v [px/s], the pixel seen at t = s − δ lies −u δ from where the target is at the stamp. A filter that uses
+//! the stamp, minus the known part of the offset (δ₀, zero without correction), as the time therefore finds the innovation
 //!
 //! ν = −u (δ − δ₀ − τ) + noise of covariance S,
 //!
 //! with τ the delay of the track itself, which follows all cameras. Each camera has a Kalman filter of two numbers, δ and
 //! its drift d = dδ/dt; along u, one innovation measures δ − τ as δ₀ − uᵀS⁻¹ν / (uᵀS⁻¹u) with the variance 1 / (uᵀS⁻¹u).
-//! Targets at rest say nothing, fast ones much.
+//! Targets at rest give no information, fast ones much.
 //!
-//! **Gauge.** A delay common to all cameras cannot be seen. The mean offset of the cameras, each weighted by how much of its
-//! prior variance is gone, is zero; or that of a named camera is.
+//! **Gauge.** A delay common to all cameras is unobservable. The mean offset of the cameras, each weighted by how much
+//! its prior variance has shrunk, is zero; or that of a named camera is.
 //!
-//! **Correct while tracking.** As long as offsets are not corrected (open loop), τ is another one before each camera: it is
-//! pulled by those that came last, and its share of the error does not average out. Corrected stamps (closed loop) agree, τ
-//! settles, and the estimates become exact. In both cases the caller says what it subtracted, and the same numbers are
-//! estimated. Two habits of the tracker matter, the first very much: it adds u uᵀ times
-//! [`ClockEstimate::mean_squared_error`] to the covariance of a pixel (an uncertain time is an uncertain place along the motion), in its
-//! update and in `innovation_covariance`; and it takes frames in the order of their (corrected) times, or compares a late
-//! one with where the target was then.
+//! **Correct while tracking.** As long as offsets are not corrected (open loop), τ differs from camera to camera: it
+//! depends on the cameras that came last, and its share of the error does not average out. Corrected stamps (closed
+//! loop) agree, τ settles, and the estimates converge to the true values. In both cases the caller states what it
+//! subtracted, and the same numbers are estimated. The tracker should do two things, the first of which matters most:
+//! add u uᵀ times [`ClockEstimate::mean_squared_error`] to the covariance of a pixel (an uncertain time is an
+//! uncertain place along the motion), in its update and in `innovation_covariance`; and take frames in the order of
+//! their (corrected) times, or compare a late frame with where the target was then.
 //!
-//! The velocity is an estimate, so u has noise too, which makes an offset seem smaller than it is. In a closed loop, where
-//! what is left is measured again and again, that costs time only.
+//! The velocity is an estimate, so u has noise too, which biases an offset towards zero. In a closed loop, where the
+//! remainder is measured again and again, this only costs time.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -37,23 +37,23 @@ const MISFIT: f64 = 4.0;
 const MISFIT_SQUARED_MAX: f64 = 20.0;
 const FADING: f64 = 1.1;
 
-/// What is known of the clocks beforehand.
+/// What is known of the clocks in advance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockSettings {
-    /// Offset to be expected, standard deviation, above 0 [s].
+    /// Prior standard deviation of an offset, above 0 [s].
     pub offset_sigma_s: f64,
-    /// Drift to be expected, standard deviation, 0 or more [s/s].
+    /// Prior standard deviation of a drift, 0 or more [s/s].
     pub drift_sigma: f64,
-    /// How far an offset wanders in a second beside its drift, standard deviation, 0 or more [s].
+    /// Random walk of an offset in a second beside its drift, standard deviation, 0 or more [s].
     pub offset_walk_s: f64,
-    /// How far a drift wanders in a second, standard deviation, 0 or more [s/s].
+    /// Random walk of a drift in a second, standard deviation, 0 or more [s/s].
     pub drift_walk: f64,
-    /// By how much innovations are less informative than independent ones: those of neighbouring instants share the error of the
-    /// track. Their covariance is multiplied with it; 1 or more [–].
+    /// Factor on the covariance of innovations, 1 or more [–]: innovations of neighbouring instants share the error of
+    /// the track and carry less information than independent ones.
     pub correlation: f64,
-    /// Innovations beyond this many standard deviations count less (Huber): a wrong association, a turn [–].
+    /// Innovations beyond this many standard deviations get less weight (Huber): a wrong association, a turn [–].
     pub robust_sigma: f64,
-    /// The camera whose offset is zero; without, the mean is.
+    /// The camera whose offset is zero; `None`: the mean offset is.
     pub reference: Option<usize>,
 }
 
@@ -71,34 +71,33 @@ impl Default for ClockSettings {
     }
 }
 
-/// What one observation of a moving target says about the clock of the camera that made it.
+/// One observation of a moving target, as information on the clock of the camera that made it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockObservation {
     /// The stamp as the camera gave it [s].
     pub stamp_s: f64,
-    /// What was subtracted from the stamp before the target was predicted to it: the estimate, or 0 where stamps are not
-    /// corrected [s].
+    /// What was subtracted from the stamp before the target was predicted to it: the estimate, or 0 without correction [s].
     pub applied_offset_s: f64,
-    /// Measured minus projected [px].
+    /// Measured minus projected pixel [px].
     pub innovation: Vector2<f64>,
-    /// Of the innovation, before the update, with what an uncertain time adds to it [px²].
+    /// Covariance of the innovation before the update, including the part of an uncertain time [px²].
     pub innovation_covariance: Matrix2<f64>,
     /// Velocity of the target in the image: Jacobian of the pixel by the position, times the velocity [px/s].
     pub image_velocity: Vector2<f64>,
 }
 
-/// What is known of one camera's clock.
+/// Estimated offset and drift of one camera's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockEstimate {
-    /// How far its stamps are ahead; to be subtracted from them [s].
+    /// How far the camera's stamps are ahead, to be subtracted from them [s].
     pub offset_s: f64,
-    /// Standard deviation of it [s].
+    /// Standard deviation of the offset [s].
     pub offset_sigma_s: f64,
-    /// How much it gains in a second [s/s].
+    /// Change of the offset in a second [s/s].
     pub drift: f64,
-    /// Standard deviation of it [s/s].
+    /// Standard deviation of the drift [s/s].
     pub drift_sigma: f64,
-    /// Observations taken in.
+    /// Number of observations taken in.
     pub n_observations: u64,
 }
 
@@ -132,9 +131,9 @@ struct Sums {
     drift: f64,
 }
 
-/// The clocks of several cameras.
+/// Estimates offset and drift of the clocks of several cameras.
 ///
-/// An observation and an estimate each take a time that does not depend on the number of cameras.
+/// The time for one observation or estimate does not depend on the number of cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClockEstimator {
     settings: ClockSettings,
@@ -145,15 +144,15 @@ pub struct ClockEstimator {
 }
 
 impl ClockEstimator {
-    /// Clocks of `n_cameras` cameras, of which nothing was seen yet.
+    /// An estimator for `n_cameras` clocks without observations.
     pub fn new(n_cameras: usize, settings: ClockSettings) -> Self {
         Self { settings, clocks: vec![Clock::default(); n_cameras], sums: Sums::default(), epoch_s: f64::NAN }
     }
 
-    /// Takes in an observation. `false`, and nothing changes, when there is no such camera, a number is not finite, or the
-    /// covariance is not positive definite.
+    /// Takes in an observation. Returns `false`, and changes nothing, when there is no such camera, a number is not
+    /// finite, or the covariance is not positive definite.
     ///
-    /// A stamp before the camera's last one is used as if it were that one.
+    /// A stamp before the camera's last one is used as if it were equal to that one.
     pub fn observe(&mut self, camera: usize, seen: &ClockObservation) -> bool {
         let numbers = [seen.stamp_s, seen.applied_offset_s, seen.innovation.sum(), seen.image_velocity.sum()];
         let Some(factor) = (seen.innovation_covariance * self.settings.correlation).cholesky() else { return false };
@@ -206,9 +205,9 @@ impl ClockEstimator {
         true
     }
 
-    /// What is known of the clock of `camera` when it stamps `stamp_s`; `None` when there is no such camera.
+    /// Offset and drift of `camera` at its stamp `stamp_s`; `None` when there is no such camera.
     ///
-    /// A camera that saw nothing yet has the offset 0 and the standard deviation of the settings.
+    /// A camera without observations has the offset 0 and the standard deviation of the settings.
     pub fn estimate(&self, camera: usize, stamp_s: f64) -> Option<ClockEstimate> {
         let clock = self.clocks.get(camera)?;
         if clock.n_observations == 0 {

@@ -6,23 +6,23 @@ use super::driver::{DriverOptions, Stop, System, minimise_with_costs, predicted_
 use super::information::{Unobservable, covariance, solve_positive};
 use super::{Loss, SolveError};
 
-/// What is to be minimised. Residuals are in units of their standard deviations.
+/// A least-squares problem. Residuals are in units of their standard deviations.
 pub trait Problem {
-    /// The unknowns, on whatever manifold they live.
+    /// The unknowns, on any manifold.
     type Parameters: Clone;
 
-    /// In how many directions the parameters can move.
+    /// Number of entries of a step.
     fn dimension(&self) -> usize;
 
     /// The parameters after a step of [`Self::dimension`] numbers.
     fn moved(&self, from: &Self::Parameters, step: &DVector<f64>) -> Self::Parameters;
 
-    /// Adds all residuals at `at`, with their derivatives by the step, to `equations`. `None` where there are none, such as behind a
-    /// camera: a step there is taken back.
+    /// Adds all residuals at `at`, with their derivatives with respect to the step, to `equations`. `None` where they are not
+    /// defined, such as behind a camera: a step to there is rejected.
     fn linearise(&self, at: &Self::Parameters, equations: &mut Equations) -> Option<()>;
 }
 
-/// Gauss–Newton's equations, summed over the residuals: JᵀWJ δ = −JᵀW r.
+/// Gauss–Newton normal equations, summed over the residuals: JᵀWJ δ = −JᵀW r.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equations {
     loss: Loss,
@@ -55,7 +55,7 @@ impl Equations {
         (self.cost, self.residuals) = (0.0, 0);
     }
 
-    /// Adds a residual of R numbers, judged by the loss as one, that depends on the C parameters `columns`.
+    /// Adds a residual of R numbers, weighted by the loss as one, that depends on the C parameters `columns`.
     pub fn add<const R: usize, const C: usize>(
         &mut self,
         columns: &[usize; C],
@@ -75,8 +75,8 @@ impl Equations {
         }
     }
 
-    /// Divides all by the number of residuals, for problems of which not every state has as many, so that fewer residuals are no gain. The
-    /// covariance is then larger by that factor.
+    /// Divides all sums by the number of residuals: for problems whose number of residuals depends on the state, so
+    /// that losing residuals is no gain. The covariance is then larger by that factor.
     pub fn average(&mut self) {
         let part = 1.0 / self.residuals.max(1) as f64;
         self.information *= part;
@@ -84,7 +84,7 @@ impl Equations {
         self.cost *= part;
     }
 
-    /// Adds a residual of one number that may depend on every parameter: `jacobian` has an entry for each.
+    /// Adds a scalar residual that may depend on every parameter: `jacobian` has an entry for each.
     pub fn add_row(&mut self, residual: f64, jacobian: &[f64]) {
         let (cost, weight) = self.loss.at(residual * residual);
         self.cost += 0.5 * cost;
@@ -97,14 +97,14 @@ impl Equations {
         }
     }
 
-    /// Adds a residual of one number that depends on few of many parameters: `jacobian` names each of them once, with the derivative. It counts `worth` times, whatever the loss makes of it: less than
-    /// once where several residuals have one error in common.
+    /// Adds a scalar residual that depends on few of many parameters: `jacobian` names each of them once, with the
+    /// derivative. `worth` is an extra weight after the loss: below 1 where several residuals share one error.
     pub fn add_sparse(&mut self, residual: f64, worth: f64, jacobian: &[(usize, f64)]) {
         let (cost, weight) = self.loss.at(residual * residual);
         self.add_with((worth * cost, worth * weight), residual, jacobian);
     }
 
-    /// Adds a residual of what is known beforehand and cannot be wrong: it costs its square whatever the loss is.
+    /// Adds a residual of certain prior knowledge: it costs its square whatever the loss is.
     pub fn add_known(&mut self, residual: f64, jacobian: &[(usize, f64)]) {
         self.add_with(Loss::Squared.at(residual * residual), residual, jacobian);
     }
@@ -130,16 +130,16 @@ impl Equations {
     }
 }
 
-/// How to go about it.
+/// Options of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// What residuals cost.
+    /// Robust loss of the residuals.
     pub loss: Loss,
-    /// Parameters that stay as they are, by their place in the step; others are free.
+    /// Parameters that are held fixed, by their index in the step; the others are free.
     pub held: Vec<usize>,
-    /// Steps tried at most [–].
+    /// Most iterations [–].
     pub max_iterations: u32,
-    /// Done when the next step promises less than this part of the cost [–].
+    /// Convergence: stop when the predicted reduction of the next step is below this part of the cost [–].
     pub relative_gain: f64,
 }
 
@@ -149,20 +149,20 @@ impl Default for Options {
     }
 }
 
-/// What [`solve`] found.
+/// The solution of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution<P> {
-    /// Where the cost is least.
+    /// The parameters of least cost.
     pub parameters: P,
-    /// Of the step, if residuals are as large as their standard deviations say; rows and columns of held parameters are 0.
+    /// Covariance of the step, if the standard deviations of the residuals are right; rows and columns of held parameters are 0.
     pub covariance: Result<DMatrix<f64>, Unobservable>,
     /// ½ Σ ρ at the start and after each accepted step.
     pub costs: Vec<f64>,
-    /// Why it ended.
+    /// Why the search ended.
     pub stop: Stop,
-    /// Steps tried, rejected ones included.
+    /// Iterations, rejected steps included.
     pub iterations: u32,
-    /// Twice the cost for each surplus residual: near 1 if the standard deviations are right; NaN without surplus.
+    /// Variance factor: twice the cost per redundant residual. Near 1 if the standard deviations are right; NaN without redundancy.
     pub variance_factor: f64,
 }
 
@@ -188,7 +188,7 @@ impl Normal {
             return Err(SolveError::NoSuchParameter { index, dimension });
         }
         if let Some(found) = options.loss.bad_scale() {
-            return Err(SolveError::BadRule { rule: "the scale of the loss", found });
+            return Err(SolveError::BadOption { option: "scale of the loss", found });
         }
         let free: Vec<usize> = (0..dimension).filter(|it| !options.held.contains(it)).collect();
         if free.is_empty() {

@@ -1,61 +1,63 @@
-//! The one loop of Levenberg and Marquardt. It holds damping, gain ratio, acceptance and the rules of termination; a [`System`] linearises,
-//! solves and moves, and keeps the parameters in whatever form suits it.
+//! The Levenberg–Marquardt loop shared by all solvers: damping, gain ratio, acceptance and termination. A [`System`]
+//! linearises, solves and moves, and keeps the parameters in whatever form suits it.
 //!
 //! Source: K. Madsen, H. B. Nielsen, O. Tingleff, *Methods for non-linear least squares problems*, 2nd edition, 2004, algorithm 3.16.
 //!
-//! | here | there | meaning |
+//! | here | source | meaning |
 //! |---|---|---|
 //! | cost | F | ½ Σ ρ(\|r\|²); with ρ(s) = s, ½ Σ \|r\|² |
 //! | H, g | A, g | JᵀWJ and JᵀWr, W the weights of the robust loss |
-//! | `damping` | μ | the damped equations are (H + D) h = −g; there D = μ I, here D = μ diag(H) (Marquardt's scaling) |
-//! | `growth` | ν | factor of the next refused step |
+//! | `damping` | μ | the damped equations are (H + D) h = −g; source: D = μ I, here: D = μ diag(H) (Marquardt's scaling) |
+//! | `growth` | ν | factor of the damping after the next rejected step |
 //! | predicted reduction | L(0) − L(h) | ½ hᵀ (D h − g), (3.14) |
 //! | gain ratio | ϱ | (F(x) − F(x + h)) / predicted reduction, (3.14) |
 //!
 //! Each iteration solves the damped equations and evaluates the cost after the step. The step is *accepted* when that cost is not higher
-//! (there: when it is lower): μ ← μ max(q, 1 − (2ϱ − 1)³), ν ← 2, with q = 1/3 there and [`Damping::fastest_decrease`] here. It is *refused* when the
-//! cost is higher, not finite or not defined, or when the equations are singular: μ ← ν max(μ, 1e-10), ν ← 2 ν. There μ may fall without a limit; here it
+//! (source: when it is lower): μ ← μ max(q, 1 − (2ϱ − 1)³), ν ← 2, with q = 1/3 in the source and
+//! [`Damping::fastest_decrease`] here. It is *rejected* when the
+//! cost is higher, not finite or not defined, or when the equations are singular: μ ← ν max(μ, 1e-10), ν ← 2 ν. In the
+//! source μ may fall without a limit; here it
 //! stays at or above [`Damping::least`].
 //!
-//! The loop ends, in this order of precedence after an iteration, for one of these reasons:
+//! The loop ends for one of these reasons, in this order of precedence:
 //!
 //! 1. [`Stop::SmallGain`]: the predicted reduction of an accepted step was at most `relative_gain` F + `absolute_gain`, F being the cost before the
-//!    step. (There: a small gradient or a small step, (3.15), which depend on units.)
-//! 2. [`Stop::NoDescent`]: a step was refused although its predicted reduction was as small as that, or refused steps have raised the
+//!    step. (Source: a small gradient or a small step, (3.15), which depend on units.)
+//! 2. [`Stop::NoDescent`]: a step was rejected although its predicted reduction was as small as that, or rejected steps have raised the
 //!    damping beyond 1e15.
-//! 3. [`Stop::IterationLimit`]: `max_iterations` steps were tried, refused ones included. None at all are tried where that is 0.
+//! 3. [`Stop::IterationLimit`]: `max_iterations` steps were tried, rejected ones included. With 0, no step is tried.
 //!
 //! A start without a finite cost is refused with [`SolveError::BadStart`].
 
 use super::SolveError;
 
-/// Least squares about a point that moves: what the driver needs to know of a problem.
+/// What the loop needs of a least-squares problem.
 ///
-/// The system keeps its parameters, its linearisation about them, and one step with the state after it.
+/// The system keeps its parameters, its linearisation about them, and one trial step with the state after it.
 pub trait System {
     /// Linearises at the start and returns the cost ½ Σ ρ there; `None` where residuals are not defined.
     fn begin(&mut self) -> Option<f64>;
 
-    /// Solves the damped equations about the present parameters and keeps the step. Returns its predicted reduction of the cost
+    /// Solves the damped equations about the present parameters and stores the step. Returns its predicted reduction of the cost
     /// ([`predicted_reduction`]); `None` where the equations are singular or the step is not finite.
     fn solve(&mut self, damping: f64) -> Option<f64>;
 
     /// The cost after the step of the last [`Self::solve`]; `None` where residuals are not defined, such as behind a camera.
     fn attempt(&mut self) -> Option<f64>;
 
-    /// Takes the step that was attempted last: its parameters and linearisation become the present ones.
+    /// Accepts the last step: its parameters and linearisation become the present ones.
     fn accept(&mut self);
 }
 
-/// How far the damping may go, and how fast.
+/// How the damping changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damping {
-    /// Of the first step, as a part of the diagonal [–].
+    /// Damping of the first step, relative to the diagonal [–].
     pub initial: f64,
-    /// Never below [–].
+    /// Lower limit of the damping [–].
     pub least: f64,
-    /// Factor after a step that gained as predicted, above 0 and at most 1 [–]: 1/3 by the source; less for problems that are nearly linear
-    /// or badly conditioned, where any damping only costs steps.
+    /// Factor after a step that gained as predicted, above 0 and at most 1 [–]: 1/3 in the source; less for problems
+    /// that are nearly linear or badly conditioned, where any damping only costs steps.
     pub fastest_decrease: f64,
 }
 
@@ -72,16 +74,16 @@ impl Damping {
     }
 }
 
-/// How the driver goes about it.
+/// Options of the loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriverOptions {
-    /// Levenberg's and Marquardt's.
+    /// Levenberg–Marquardt damping.
     pub damping: Damping,
-    /// Steps tried at most, refused ones included [–].
+    /// Most iterations, rejected steps included [–].
     pub max_iterations: u32,
-    /// A predicted reduction of no more than this part of the cost ends the search, above 0 [–].
+    /// Convergence: a predicted reduction of at most this part of the cost ends the search, above 0 [–].
     pub relative_gain: f64,
-    /// As much is added to that, for problems whose cost may be 0, not below 0 [cost].
+    /// Absolute reduction added to that limit, for problems whose cost may be 0; 0 or more [cost].
     pub absolute_gain: f64,
 }
 
@@ -98,38 +100,38 @@ impl DriverOptions {
         let options = [
             ("relative_gain", self.relative_gain, positive(self.relative_gain)),
             ("absolute_gain", self.absolute_gain, self.absolute_gain == 0.0 || positive(self.absolute_gain)),
-            ("the initial damping", initial, positive(initial)),
-            ("the least damping", least, positive(least)),
-            ("the fastest decrease of the damping", fastest_decrease, positive(fastest_decrease)),
+            ("initial damping", initial, positive(initial)),
+            ("least damping", least, positive(least)),
+            ("fastest decrease of the damping", fastest_decrease, positive(fastest_decrease)),
         ];
         let bad = options.into_iter().find(|it| !it.2);
-        bad.map_or(Ok(()), |(rule, found, _)| Err(SolveError::BadRule { rule, found }))
+        bad.map_or(Ok(()), |(option, found, _)| Err(SolveError::BadOption { option, found }))
     }
 }
 
 /// Why the search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
-    /// The predicted reduction of the last step is next to nothing, and the step did not raise the cost: a minimum.
+    /// Converged: the predicted reduction of the last step is negligible, and the step did not raise the cost.
     SmallGain,
-    /// No step however short lowers the cost: a minimum within rounding, or derivatives that are not those of the residuals.
+    /// No step, however short, lowers the cost: a minimum within rounding, or derivatives that do not match the residuals.
     NoDescent,
-    /// The allowed steps are used up.
+    /// The limit of iterations was reached.
     IterationLimit,
 }
 
-/// One step that was tried.
+/// One trial step, for logs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Iteration {
-    /// With which it was solved for [–].
+    /// Damping of the step [–].
     pub damping: f64,
-    /// `None` where the equations were singular.
+    /// Predicted reduction of the cost; `None` where the equations were singular.
     pub predicted_reduction: Option<f64>,
-    /// The cost before the step.
+    /// Cost before the step.
     pub before: f64,
-    /// The cost after it; `None` where there was no step or no finite cost.
+    /// Cost after the step; `None` where there was no step or no finite cost.
     pub after: Option<f64>,
-    /// Whether the step was taken.
+    /// Whether the step was accepted.
     pub accepted: bool,
 }
 
@@ -143,11 +145,11 @@ impl Iteration {
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// ½ Σ ρ where it ended.
+    /// Final cost ½ Σ ρ.
     pub cost: f64,
-    /// Why it ended.
+    /// Why the search ended.
     pub stop: Stop,
-    /// Steps tried, refused ones included.
+    /// Iterations, rejected steps included.
     pub iterations: u32,
 }
 
@@ -155,10 +157,10 @@ pub struct Outcome {
 const RESTART: f64 = 1e-10;
 const MAX_DAMPING: f64 = 1e15;
 
-/// Minimises the cost of `system`, and hands each step that was tried to `log`. Allocates nothing itself.
+/// Minimises the cost of `system`, and passes each trial step to `log`. Allocates nothing itself.
 ///
 /// # Errors
-/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadOption`].
 pub fn minimise(
     system: &mut dyn System,
     options: &DriverOptions,
@@ -196,10 +198,10 @@ pub fn minimise(
     Ok(Outcome { cost, stop: Stop::IterationLimit, iterations: options.max_iterations })
 }
 
-/// As [`minimise`], with the cost at the start and after each accepted step.
+/// As [`minimise`], and returns the cost at the start and after each accepted step.
 ///
 /// # Errors
-/// As there.
+/// As for [`minimise`].
 pub fn minimise_with_costs(
     system: &mut dyn System,
     options: &DriverOptions,
@@ -217,8 +219,8 @@ pub fn minimise_with_costs(
     Ok((outcome, costs))
 }
 
-/// By how much the step h of the damped equations (H + D) h = −g lowers the cost if residuals are as linear as they look: ½ hᵀ (D h − g).
-/// `raised` is the diagonal of D. Sums over parts of the step add up.
+/// Predicted reduction of the cost by the step h of the damped equations (H + D) h = −g, if the residuals are linear:
+/// ½ hᵀ (D h − g). `raised` is the diagonal of D. Reductions of parts of the step add up.
 #[inline]
 pub fn predicted_reduction(step: &[f64], gradient: &[f64], raised: &[f64]) -> f64 {
     let each = step.iter().zip(gradient).zip(raised);

@@ -1,21 +1,21 @@
-//! Information matrices, whatever the units of their parameters: solved, inverted, and what they leave unobservable.
+//! Information matrices with parameters of any units: solving, inverting, and finding unobservable parameters.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Parameters that the data do not hold.
+/// Parameters that the data do not determine.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the data leave {} of {of} parameters open: they cannot be told from those before them: {parameters:?}", parameters.len())]
+#[error("{} of {of} parameters are unobservable, given the parameters before them: {parameters:?}", parameters.len())]
 pub struct Unobservable {
-    /// Which, by their place in the step: given the parameters before it, each is left open.
+    /// The unobservable parameters, by their index in the step: each is undetermined given the parameters before it.
     pub parameters: Vec<usize>,
-    /// How many are free in all.
+    /// Number of free parameters.
     pub of: usize,
 }
 
 /// A parameter of which those before it leave less than this part of its information is open.
 const OPEN: f64 = 1e-12;
 
-/// Solves positive definite equations, of which the lower triangle is read; `None` where they are singular or the answer is not finite.
+/// Solves positive definite equations (the lower triangle is read); `None` where they are singular or the solution is not finite.
 pub fn solve_positive(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.is_empty() {
         return Some(DVector::zeros(0));
@@ -41,7 +41,7 @@ pub(super) fn covariance(information: &DMatrix<f64>, free: &[usize]) -> Result<D
 /// The inverse of a symmetric information matrix, whatever the units of its parameters.
 ///
 /// # Errors
-/// The parameters that are open given those before them.
+/// The unobservable parameters, each given those before it.
 pub fn invert_information(information: &DMatrix<f64>) -> Result<DMatrix<f64>, Vec<usize>> {
     let n = information.nrows();
     let scale = DVector::from_fn(n, |row, _| 1.0 / information[(row, row)].sqrt());

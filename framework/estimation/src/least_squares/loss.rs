@@ -1,4 +1,4 @@
-//! What a residual costs: losses under which wrong data pull less than right data.
+//! Robust losses: functions of a residual under which outliers pull less than inliers.
 //!
 //! s is the squared length of a residual in units of its standard deviation, the cost of the residual is ½ ρ(s), and its weight in
 //! the normal equations ρ'(s). Source: B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §3.3; the
@@ -7,14 +7,14 @@
 /// A loss ρ with ρ(0) = 0 and ρ'(0) = 1; scales are in standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
-    /// ρ = s: least squares.
+    /// ρ = s: ordinary least squares.
     Squared,
-    /// ρ = s up to `scale`², beyond it 2 scale √s − scale²: grows as the distance.
+    /// ρ = s up to `scale`², beyond it 2 scale √s − scale²: grows linearly with the distance.
     Huber {
         /// Where the square ends [σ].
         scale: f64,
     },
-    /// ρ = scale² ln(1 + s/scale²): a residual far out hardly pulls at all.
+    /// ρ = scale² ln(1 + s/scale²): the pull of a far outlier vanishes.
     Cauchy {
         /// Where the weight has fallen to one half [σ].
         scale: f64,
@@ -22,12 +22,12 @@ pub enum Loss {
 }
 
 impl Loss {
-    /// Huber's loss, 95 % as efficient as least squares where nothing is wrong.
+    /// Huber's loss at 95 % efficiency for Gaussian residuals.
     pub const HUBER: Loss = Loss::Huber { scale: 1.345 };
-    /// Cauchy's loss, 95 % as efficient as least squares where nothing is wrong.
+    /// Cauchy's loss at 95 % efficiency for Gaussian residuals.
     pub const CAUCHY: Loss = Loss::Cauchy { scale: 2.385 };
 
-    /// ρ(s) and ρ'(s).
+    /// ρ(s) and ρ'(s) at the squared residual s.
     #[inline]
     pub fn at(&self, squared: f64) -> (f64, f64) {
         match *self {

@@ -1,16 +1,16 @@
-//! Parameters at which weighted residuals are least: Levenberg–Marquardt with robust losses, on manifolds, with covariance.
+//! Nonlinear least squares: Levenberg–Marquardt with robust losses, on manifolds, with covariance.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`driver`] | the one loop: damping, gain ratio, acceptance, termination; its source and all its rules |
-//! | [`dense`] | [`solve`]: a [`Problem`] gives residuals in units of their standard deviations with their derivatives |
-//! | [`small`] | [`solve_small`]: the same for a few parameters, without allocation |
-//! | [`schur`] | [`solve_grouped`]: shared parameters, and many small groups that do not know each other (Schur complement) |
-//! | [`information`] | the inverse of an information matrix, or which parameters it leaves open |
+//! | [`driver`] | the shared loop: damping, gain ratio, acceptance, termination |
+//! | [`dense`] | [`solve`]: dense normal equations, for up to some hundred parameters |
+//! | [`small`] | [`solve_small`]: a few parameters, without allocation |
+//! | [`schur`] | [`solve_grouped`]: shared parameters and many small independent groups (Schur complement) |
+//! | [`information`] | the inverse of an information matrix, or its unobservable parameters |
 //!
-//! Each minimises ½ Σ ρ(|r|²). Losses enter by their weights (iteratively reweighted least squares). Parameters live on any manifold: a problem says where a
-//! step leads. Problems that leave a combination of parameters open still get their minimum, but no covariance: [`Unobservable`] names the
-//! parameters in question.
+//! Each solver minimises ½ Σ ρ(|r|²). Losses enter by their weights (iteratively reweighted least squares). Parameters
+//! live on any manifold: the problem applies a step to them. A problem with unobservable parameters still gets a
+//! minimum, but no covariance: [`Unobservable`] names the parameters.
 
 pub mod dense;
 pub mod driver;
@@ -26,31 +26,31 @@ pub use loss::Loss;
 pub use schur::{GroupedEquations, GroupedProblem, GroupedSolution, solve_grouped};
 pub use small::{SmallEquations, SmallProblem, SmallSolution, solve_small};
 
-/// Why there is no answer.
+/// Why there is no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SolveError {
     /// The start has no residuals, or one that is not finite.
     #[error("at the start the residuals cannot be computed or are not finite")]
     BadStart,
-    /// Nothing to find.
+    /// Every parameter is held.
     #[error("none of {dimension} parameters is free")]
     NothingFree {
-        /// Held and free ones.
+        /// Number of parameters.
         dimension: usize,
     },
     /// A held parameter that does not exist.
     #[error("parameter {index} is held, expected less than {dimension}")]
     NoSuchParameter {
-        /// Which.
+        /// Index that was given.
         index: usize,
-        /// How many there are.
+        /// Number of parameters.
         dimension: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected a finite number above 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
+    /// An option out of range.
+    #[error("{option} is {found}, expected a finite number above 0")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
         /// Its value.
         found: f64,
     },

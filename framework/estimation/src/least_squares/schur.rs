@@ -1,4 +1,4 @@
-//! Levenberg–Marquardt for shared parameters and many groups of G parameters each, where no residual knows two groups: block arrow equations.
+//! Levenberg–Marquardt for shared parameters and many groups of G parameters each, where no residual depends on two groups: block arrow equations.
 //!
 //! With U, V and W the blocks of shared parameters, of groups and between them,
 //!
@@ -6,8 +6,9 @@
 //! | Wᵀ V | hᵥ | = − | gᵥ |
 //!
 //! V consists of small blocks, so that the groups are eliminated one by one (Schur complement): (U − W V⁻¹ Wᵀ) hₛ = −(gₛ − W V⁻¹ gᵥ), then
-//! hᵥ = −V⁻¹ (gᵥ + Wᵀ hₛ). Source: B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §6.1. All diagonals are damped before. A group whose
-//! block is singular does not move and tells nothing.
+//! hᵥ = −V⁻¹ (gᵥ + Wᵀ hₛ). Source: B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §6.1. All
+//! diagonals are damped first. A group whose
+//! block is singular does not move and adds no information.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -15,36 +16,36 @@ use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reductio
 use super::information::{Unobservable, invert_information, solve_positive};
 use super::{Loss, SolveError};
 
-/// What is to be minimised over shared parameters and groups of G.
+/// A least-squares problem over shared parameters and groups of G.
 pub trait GroupedProblem<const G: usize> {
-    /// The unknowns, on whatever manifold they live.
+    /// The unknowns, on any manifold.
     type Parameters: Clone;
 
-    /// In how many directions the shared parameters can move; may be 0.
+    /// Number of entries of a step of the shared parameters; may be 0.
     fn dimension(&self) -> usize;
 
-    /// How many groups there are; may be 0.
+    /// Number of groups; may be 0.
     fn n_groups(&self) -> usize;
 
     /// The parameters after a step of the shared ones and of each group.
     fn moved(&self, from: &Self::Parameters, shared: &DVector<f64>, groups: &[SVector<f64, G>]) -> Self::Parameters;
 
-    /// Adds all residuals at `at`, with their derivatives by the step, to `equations`. `None` where there are none: a step there is taken back.
+    /// Adds all residuals at `at`, with their derivatives with respect to the step, to `equations`. `None` where they are not defined: a step to there is rejected.
     fn linearise(&self, at: &Self::Parameters, equations: &mut GroupedEquations<G>) -> Option<()>;
 }
 
-/// Equations of a group.
+/// Normal equations of one group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupEquations<const G: usize> {
-    /// Its block of V.
+    /// The group's block of V.
     pub information: SMatrix<f64, G, G>,
-    /// Its part of the gradient.
+    /// The group's part of the gradient.
     pub gradient: SVector<f64, G>,
     /// Shared parameters that it knows, and their rows of W.
     between: Vec<(usize, SVector<f64, G>)>,
 }
 
-/// Gauss–Newton's equations, summed over the residuals.
+/// Gauss–Newton normal equations, summed over the residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupedEquations<const G: usize> {
     loss: Loss,
@@ -55,7 +56,7 @@ pub struct GroupedEquations<const G: usize> {
 }
 
 impl<const G: usize> GroupedEquations<G> {
-    /// Without residuals.
+    /// Empty equations, without residuals.
     pub fn new(loss: Loss, dimension: usize, n_groups: usize) -> Self {
         let empty = GroupEquations { information: SMatrix::zeros(), gradient: SVector::zeros(), between: Vec::new() };
         GroupedEquations {
@@ -67,7 +68,7 @@ impl<const G: usize> GroupedEquations<G> {
         }
     }
 
-    /// Forgets all residuals.
+    /// Removes all residuals.
     pub fn clear(&mut self) {
         self.information.fill(0.0);
         self.gradient.fill(0.0);
@@ -78,22 +79,22 @@ impl<const G: usize> GroupedEquations<G> {
         self.cost = 0.0;
     }
 
-    /// What residuals cost.
+    /// The robust loss in use.
     pub fn loss(&self) -> Loss {
         self.loss
     }
 
-    /// By group.
+    /// The equations of each group.
     pub fn groups(&self) -> &[GroupEquations<G>] {
         &self.groups
     }
 
-    /// Adds ½ `cost` that has no derivative, such as that of a point that its camera cannot see.
+    /// Adds ½ `cost` without a derivative, for example of a point that its camera cannot see.
     pub fn add_cost(&mut self, cost: f64) {
         self.cost += 0.5 * cost;
     }
 
-    /// Adds a residual of R numbers, judged by the loss as one, that depends on the shared parameters `rows`, of which `None` are held, and on a group.
+    /// Adds a residual of R numbers, weighted by the loss as one, that depends on the shared parameters `rows` (`None`: held) and on one group.
     pub fn add<const R: usize, const C: usize>(
         &mut self,
         rows: &[Option<usize>; C],
@@ -106,7 +107,7 @@ impl<const G: usize> GroupedEquations<G> {
         self.add_sum(rows, group, &sum);
     }
 
-    /// Adds the sum of residuals that all depend on the same.
+    /// Adds a sum of residuals that all depend on the same shared parameters and group.
     pub fn add_sum<const C: usize>(&mut self, rows: &[Option<usize>; C], group: usize, sum: &BlockSum<C, G>) {
         self.cost += sum.cost;
         let own = &mut self.groups[group];
@@ -128,7 +129,7 @@ impl<const G: usize> GroupedEquations<G> {
         }
     }
 
-    /// Adds a residual of one number that depends on a shared parameter alone, under no loss: what is known of it beforehand.
+    /// Adds a scalar residual that depends on one shared parameter, without loss: prior knowledge.
     pub fn add_known(&mut self, row: usize, residual: f64, slope: f64) {
         self.cost += 0.5 * residual * residual;
         self.gradient[row] += slope * residual;
@@ -164,7 +165,7 @@ impl<const G: usize> GroupedEquations<G> {
         Reduced { information, gradient, inverses }
     }
 
-    /// Information and gradient of the shared parameters when groups follow.
+    /// Information and gradient of the shared parameters with all groups eliminated.
     pub fn eliminated(&self) -> (DMatrix<f64>, DVector<f64>) {
         let Reduced { information, gradient, .. } = self.reduced(None, 0.0);
         (information, gradient)
@@ -183,7 +184,7 @@ pub struct BlockSum<const C: usize, const G: usize> {
 }
 
 impl<const C: usize, const G: usize> BlockSum<C, G> {
-    /// Without residuals.
+    /// An empty sum.
     pub fn zeros() -> Self {
         BlockSum {
             of_shared: SMatrix::zeros(),
@@ -195,7 +196,7 @@ impl<const C: usize, const G: usize> BlockSum<C, G> {
         }
     }
 
-    /// Adds a residual, judged by the loss as one, with its derivatives; each of its numbers has an information of `per_variance`.
+    /// Adds a residual, weighted by the loss as one, with its derivatives; each of its numbers has the information `per_variance`.
     #[inline]
     pub fn add<const R: usize>(
         &mut self,
@@ -222,23 +223,23 @@ struct Reduced<const G: usize> {
     inverses: Vec<SMatrix<f64, G, G>>,
 }
 
-/// What [`solve_grouped`] found.
+/// The solution of [`solve_grouped`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupedSolution<P, const G: usize> {
-    /// Where the cost is least.
+    /// The parameters of least cost.
     pub parameters: P,
-    /// There.
+    /// The normal equations at the solution.
     pub equations: GroupedEquations<G>,
     /// How the search ended.
     pub outcome: Outcome,
 }
 
 impl<P, const G: usize> GroupedSolution<P, G> {
-    /// Of the step of the shared parameters, groups being unknown too, if residuals are as large as their standard deviations say; and the
-    /// inverse information of each group by itself.
+    /// Covariance of the shared parameters with the groups unknown, if the standard deviations of the residuals are
+    /// right; and the inverse information of each group by itself.
     ///
     /// # Errors
-    /// Shared parameters that are unobservable.
+    /// The shared parameters that are unobservable.
     pub fn covariance(&self) -> Result<(DMatrix<f64>, Vec<SMatrix<f64, G, G>>), Unobservable> {
         let Reduced { information, inverses, .. } = self.equations.reduced(None, 0.0);
         let of = information.nrows();
@@ -299,7 +300,7 @@ impl<P: GroupedProblem<G>, const G: usize> System for Grouped<'_, P, G> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadOption`].
 pub fn solve_grouped<P: GroupedProblem<G>, const G: usize>(
     problem: &P,
     start: P::Parameters,
@@ -307,7 +308,7 @@ pub fn solve_grouped<P: GroupedProblem<G>, const G: usize>(
     options: &DriverOptions,
 ) -> Result<GroupedSolution<P::Parameters, G>, SolveError> {
     if let Some(found) = loss.bad_scale() {
-        return Err(SolveError::BadRule { rule: "the scale of the loss", found });
+        return Err(SolveError::BadOption { option: "scale of the loss", found });
     }
     let (dimension, n_groups) = (problem.dimension(), problem.n_groups());
     let [here, there] = [(); 2].map(|()| GroupedEquations::new(loss, dimension, n_groups));

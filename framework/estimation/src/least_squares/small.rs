@@ -5,42 +5,42 @@ use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use super::SolveError;
 use super::driver::{DriverOptions, Outcome, System, minimise, predicted_reduction, raise};
 
-/// What is to be minimised over N parameters.
+/// A least-squares problem over N parameters.
 pub trait SmallProblem<const N: usize> {
-    /// The unknowns, on whatever manifold they live.
+    /// The unknowns, on any manifold.
     type Parameters: Clone;
 
     /// The parameters after a step.
     fn moved(&self, from: &Self::Parameters, step: &SVector<f64, N>) -> Self::Parameters;
 
-    /// Adds all residuals at `at` to `equations`, which are 0 before. `None` where there are none, such as behind a camera: a step there is taken back.
+    /// Adds all residuals at `at` to `equations`, which are 0 before. `None` where they are not defined, such as behind a camera: a step to there is rejected.
     fn linearise(&self, at: &Self::Parameters, equations: &mut SmallEquations<N>) -> Option<()>;
 }
 
-/// Gauss–Newton's equations H h = −g, summed over the residuals.
+/// Gauss–Newton normal equations H h = −g, summed over the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmallEquations<const N: usize> {
-    /// H = JᵀWJ.
+    /// Information H = JᵀWJ.
     pub information: SMatrix<f64, N, N>,
-    /// g = JᵀWr.
+    /// Gradient g = JᵀWr.
     pub gradient: SVector<f64, N>,
-    /// ½ Σ ρ.
+    /// Cost ½ Σ ρ.
     pub cost: f64,
 }
 
 impl<const N: usize> SmallEquations<N> {
-    /// Without residuals.
+    /// Empty equations, without residuals.
     pub fn zeros() -> Self {
         SmallEquations { information: SMatrix::zeros(), gradient: SVector::zeros(), cost: 0.0 }
     }
 }
 
-/// What [`solve_small`] found.
+/// The solution of [`solve_small`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SmallSolution<P, const N: usize> {
-    /// Where the cost is least.
+    /// The parameters of least cost.
     pub parameters: P,
-    /// There; the inverse of the information is the covariance if residuals are as large as their standard deviations say.
+    /// The normal equations at the solution; the inverse of the information is the covariance if the standard deviations of the residuals are right.
     pub equations: SmallEquations<N>,
     /// How the search ended.
     pub outcome: Outcome,
@@ -87,7 +87,7 @@ impl<P: SmallProblem<N>, const N: usize> System for Small<'_, P, N> {
 /// Minimises `problem` from `start`.
 ///
 /// # Errors
-/// [`SolveError::BadStart`] and [`SolveError::BadRule`].
+/// [`SolveError::BadStart`] and [`SolveError::BadOption`].
 pub fn solve_small<P: SmallProblem<N>, const N: usize>(
     problem: &P,
     start: P::Parameters,

@@ -1,4 +1,4 @@
-//! Process noise that follows the innovations.
+//! Process noise adapted to the innovations.
 //!
 //! Where a filter's noise is too low, its normalised squared innovations are larger than their number of degrees of freedom,
 //! and the other way round (the tests of Y. Bar-Shalom, X. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
@@ -25,19 +25,19 @@ pub struct AdaptiveNoise {
 }
 
 impl AdaptiveNoise {
-    /// Forgets with `time_constant_s` [s], above 0, and keeps the scale within 1/16 to 64.
+    /// A factor with the time constant `time_constant_s` [s], above 0, kept within 1/16 to 64.
     pub fn new(time_constant_s: f64) -> Self {
         Self::bounded(time_constant_s, 1.0 / 16.0, 64.0)
     }
 
-    /// Keeps the scale within `lowest` and `highest`, `lowest` ≤ 1 ≤ `highest`.
+    /// As [`Self::new`], kept within `lowest` and `highest`, `lowest` ≤ 1 ≤ `highest`.
     pub fn bounded(time_constant_s: f64, lowest: f64, highest: f64) -> Self {
         let log_bounds = (lowest.ln().min(0.0), highest.ln().max(0.0));
         Self { time_constant_s, log_bounds, squared: 0.0, degrees: 0.0, log_scale: 0.0 }
     }
 
-    /// Takes in what an update said: its normalised squared innovation, of `degrees` degrees of freedom (2 for a pixel),
-    /// `dt_s` after the one before. What is not finite or negative is passed over.
+    /// Takes in the normalised squared innovation of an update, of `degrees` degrees of freedom (2 for a pixel),
+    /// `dt_s` after the one before. Values that are negative or not finite are ignored.
     #[inline]
     pub fn observe(&mut self, normalised_squared: f64, degrees: usize, dt_s: f64) {
         let usable = |value: f64| value >= 0.0 && value.is_finite();
@@ -60,7 +60,7 @@ impl AdaptiveNoise {
         self.log_scale = self.log_scale.max(self.log_bounds.0).min(self.log_bounds.1);
     }
 
-    /// What to multiply the process noise with.
+    /// The present factor on the process noise.
     #[inline]
     pub fn scale(&self) -> f64 {
         self.log_scale.exp()

@@ -8,22 +8,23 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6, Point3, SMatrix, SVector, V
 
 use crate::kalman::{Innovation, SmallInverse, correct};
 
-/// Position, velocity and acceleration of a point, and how well they are known.
+/// State of a point under nearly constant acceleration, with covariance: a Kalman filter in space.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstantAcceleration {
-    /// [m]
+    /// Estimated position [m].
     pub position: Point3<f64>,
-    /// [m/s]
+    /// Estimated velocity [m/s].
     pub velocity: Vector3<f64>,
-    /// [m/s²]
+    /// Estimated acceleration [m/s²].
     pub acceleration: Vector3<f64>,
-    /// Of (position, velocity, acceleration) [m², m²/s, …, m²/s⁴]; symmetric, positive definite.
+    /// Covariance of (position, velocity, acceleration) [m², m²/s, …, m²/s⁴]; symmetric, positive definite.
     pub covariance: SMatrix<f64, 9, 9>,
 }
 
 impl ConstantAcceleration {
-    /// A point first seen at `position` with `position_covariance` [m²] and `velocity` [m/s], its acceleration unknown:
-    /// about zero, each axis with the standard deviation `acceleration_sigma` [m/s²], as `velocity_sigma` [m/s] for the velocity.
+    /// Initiates a track at `position` with `position_covariance` [m²] and `velocity` [m/s]; each axis of the velocity
+    /// has the standard deviation `velocity_sigma` [m/s], and the acceleration is zero with `acceleration_sigma`
+    /// [m/s²].
     pub fn new(
         position: Point3<f64>,
         position_covariance: Matrix3<f64>,
@@ -38,16 +39,15 @@ impl ConstantAcceleration {
         Self { position, velocity, acceleration: Vector3::zeros(), covariance }
     }
 
-    /// Where the point will be `dt_s` seconds on, or was for a negative `dt_s` [m].
+    /// Position extrapolated by `dt_s` seconds; a negative `dt_s` looks back [m].
     #[inline]
     pub fn position_after(&self, dt_s: f64) -> Point3<f64> {
         self.position + self.velocity * dt_s + self.acceleration * (0.5 * dt_s * dt_s)
     }
 
-    /// Carries the state `dt_s` seconds forward under white-noise jerk of spectral density `jerk_density` [m²/s⁵].
+    /// Predicts the state `dt_s` seconds ahead under white-noise jerk of spectral density `jerk_density` [m²/s⁵].
     ///
-    /// For a negative or non-finite `dt_s` or density, or a step so long that the covariance overflows, the state stays
-    /// and `false` comes back.
+    /// Returns `false`, and keeps the state, for a negative or non-finite `dt_s` or density, or where the covariance overflows.
     pub fn predict(&mut self, dt_s: f64, jerk_density: f64) -> bool {
         let usable = |value: f64| value >= 0.0 && value.is_finite();
         if !(usable(dt_s) && usable(jerk_density)) {
@@ -101,7 +101,7 @@ impl ConstantAcceleration {
         true
     }
 
-    /// Takes in a pixel, as [`ConstantVelocity::update_pixel`](crate::ConstantVelocity::update_pixel).
+    /// Updates with a pixel, as [`ConstantVelocity::update_pixel`](crate::ConstantVelocity::update_pixel).
     pub fn update_pixel(
         &mut self,
         innovation: Vector2<f64>,
@@ -111,7 +111,7 @@ impl ConstantAcceleration {
         self.update(innovation, jacobian, measurement_covariance)
     }
 
-    /// Takes in a measured position [m] with its covariance [m²].
+    /// Updates with a measured position [m] and its covariance [m²].
     pub fn update_position(&mut self, measured: &Point3<f64>, measurement_covariance: &Matrix3<f64>) -> Innovation {
         self.update(measured - self.position, &Matrix3::identity(), measurement_covariance)
     }

@@ -1,11 +1,11 @@
-//! One filter for every motion model.
+//! One filter type for every motion model.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6, Point3, Vector2, Vector3};
 
 use super::{ConstantAcceleration, InteractingFilter, Model};
 use crate::kalman::{ConstantVelocity, Innovation};
 
-/// A moving point, filtered under a [`Model`].
+/// A track of a moving point under a [`Model`].
 ///
 /// Prediction and updates allocate nothing; the state of the larger models lies in a box, so that many filters of constant
 /// velocity lie close together.
@@ -27,8 +27,8 @@ struct Jerky {
 }
 
 impl Filter {
-    /// A point first seen at `position` with `position_covariance` [m²] and `velocity` [m/s] (zero where nothing is known of
-    /// it), each axis of it with the standard deviation `velocity_sigma` [m/s].
+    /// Initiates a track at `position` with `position_covariance` [m²] and `velocity` [m/s] (zero if unknown), each
+    /// axis of the velocity with the standard deviation `velocity_sigma` [m/s].
     pub fn new(
         model: &Model,
         position: Point3<f64>,
@@ -118,7 +118,7 @@ impl Filter {
         }
     }
 
-    /// Where the point will be `dt_s` seconds on, or was for a negative `dt_s` [m].
+    /// Position extrapolated by `dt_s` seconds; a negative `dt_s` looks back [m].
     #[inline]
     pub fn position_after(&self, dt_s: f64) -> Point3<f64> {
         match &self.0 {
@@ -128,9 +128,9 @@ impl Filter {
         }
     }
 
-    /// Carries the state `dt_s` seconds forward.
+    /// Predicts the state `dt_s` seconds ahead.
     ///
-    /// Time does not run backwards: for a negative or non-finite `dt_s` the state stays and `false` comes back.
+    /// Returns `false`, and keeps the state, for a negative or non-finite `dt_s`.
     #[inline]
     pub fn predict(&mut self, dt_s: f64) -> bool {
         self.predict_scaled(dt_s, 1.0)
@@ -149,8 +149,8 @@ impl Filter {
         }
     }
 
-    /// Covariance S of the pixel error that is to be expected [px²]: `jacobian` is the derivative of the pixel by the
-    /// position [px/m] at [`Self::position`], `measurement_covariance` that of the pixel itself [px²].
+    /// Innovation covariance S of a pixel, for gating [px²]: `jacobian` is the derivative of the pixel with respect to
+    /// the position [px/m] at [`Self::position`], `measurement_covariance` the covariance of the pixel itself [px²].
     #[inline]
     pub fn innovation_covariance(
         &self,
@@ -166,8 +166,8 @@ impl Filter {
         }
     }
 
-    /// Takes in a pixel: `innovation` is measured minus projected [px], the rest as for [`Self::innovation_covariance`]
-    /// (an extended Kalman filter; an interacting model linearises all its modes at the mean of the mixture).
+    /// Updates with a pixel (extended Kalman filter): `innovation` is measured minus projected [px], the rest as for
+    /// [`Self::innovation_covariance`]. An interacting model linearises all its modes at the mean of the mixture.
     #[inline]
     pub fn update_pixel(
         &mut self,
@@ -182,7 +182,7 @@ impl Filter {
         }
     }
 
-    /// Takes in a measured position [m] with its covariance [m²].
+    /// Updates with a measured position [m] and its covariance [m²].
     pub fn update_position(&mut self, measured: &Point3<f64>, measurement_covariance: &Matrix3<f64>) -> Innovation {
         match &mut self.0 {
             State::Velocity { filter, .. } => filter.update_position(measured, measurement_covariance),

@@ -1,4 +1,4 @@
-//! The interacting multiple model filter: one Kalman filter for each mode, which exchange what they know.
+//! The interacting multiple model (IMM) filter: one Kalman filter for each mode, mixed at every step.
 //!
 //! Source: H. Blom, Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
 //! coefficients", IEEE TAC 33(8), 1988; in the notation of Y. Bar-Shalom, X. Li, T. Kirubarajan, *Estimation with Applications
@@ -9,7 +9,7 @@
 //! | `probabilities[j]` | μⱼ | probability that mode j holds |
 //! | `transition` | pᵢⱼ | probability of a change within the time that passed |
 //! | `expected[j]` | c̄ⱼ | probability of mode j before the measurement |
-//! | `share[i]` | μᵢ\|ⱼ | part that mode i has in what mode j starts from |
+//! | `share[i]` | μᵢ\|ⱼ | mixing probability: part of mode i in the start of mode j |
 //!
 //! A mode without acceleration takes position and velocity from one that has it; the other way round, its acceleration is
 //! zero with the variance that the receiving mode states, uncorrelated with the rest. Time may pass without a measurement:
@@ -21,7 +21,7 @@ use super::constant_acceleration::{ConstantAcceleration, stacked};
 use super::{Interacting, Mode};
 use crate::kalman::{ConstantVelocity, Innovation, SmallInverse};
 
-/// The most modes an [`Interacting`] model has.
+/// The most modes of an [`Interacting`] model.
 pub const MODES_MAX: usize = 3;
 
 /// The state of one mode.
@@ -32,7 +32,7 @@ enum State {
     Acceleration(ConstantAcceleration),
 }
 
-/// Several filters of one point, and how probable each one's mode is.
+/// A filter for each mode of one point, with the mode probabilities.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InteractingFilter {
     model: Interacting,
@@ -44,8 +44,8 @@ pub struct InteractingFilter {
 }
 
 impl InteractingFilter {
-    /// A point first seen at `position` with `position_covariance` [m²] and `velocity` [m/s], each axis of it with the standard
-    /// deviation `velocity_sigma` [m/s]; which mode holds is not known.
+    /// Initiates a track at `position` with `position_covariance` [m²] and `velocity` [m/s], each axis of the velocity
+    /// with the standard deviation `velocity_sigma` [m/s]; the modes have their long-run probabilities.
     pub fn new(
         model: &Interacting,
         position: Point3<f64>,
@@ -91,7 +91,7 @@ impl InteractingFilter {
         self.states.iter().zip(self.probabilities().iter().copied())
     }
 
-    /// Where the point will be `dt_s` seconds on, or was for a negative `dt_s`, if no mode changes [m].
+    /// Position extrapolated by `dt_s` seconds if no mode changes; a negative `dt_s` looks back [m].
     pub fn position_after(&self, dt_s: f64) -> Point3<f64> {
         let each = self.modes().map(|(state, probability)| match state {
             State::Velocity(it) => it.position_after(dt_s).coords * probability,
@@ -100,10 +100,9 @@ impl InteractingFilter {
         Point3::from(each.sum::<Vector3<f64>>())
     }
 
-    /// Carries all modes `dt_s` seconds forward, the process noise of each multiplied by `noise_scale`.
+    /// Predicts all modes `dt_s` seconds ahead, the process noise of each multiplied by `noise_scale`.
     ///
-    /// For a negative or non-finite `dt_s` or scale, or a step so long that a covariance overflows, the filter stays as it is
-    /// and `false` comes back.
+    /// Returns `false`, and keeps the state, for a negative or non-finite `dt_s` or scale, or where a covariance overflows.
     pub fn predict(&mut self, dt_s: f64, noise_scale: f64) -> bool {
         if !(dt_s >= 0.0 && dt_s.is_finite() && noise_scale >= 0.0 && noise_scale.is_finite()) {
             return false;
@@ -131,8 +130,8 @@ impl InteractingFilter {
         true
     }
 
-    /// Takes in a pixel: `innovation` is measured minus projected mean of the mixture [px], and `jacobian` is taken there
-    /// too; each mode's own innovation follows by it. What comes back is about the mixture.
+    /// Updates with a pixel: `innovation` is measured minus projected mean of the mixture [px], with `jacobian` taken
+    /// there; the innovation of each mode follows from it. The result is that of the mixture.
     pub fn update_pixel(
         &mut self,
         innovation: Vector2<f64>,
@@ -142,7 +141,7 @@ impl InteractingFilter {
         self.update(innovation, jacobian, measurement_covariance)
     }
 
-    /// Takes in a measured position [m] with its covariance [m²].
+    /// Updates with a measured position [m] and its covariance [m²].
     pub fn update_position(&mut self, measured: &Point3<f64>, measurement_covariance: &Matrix3<f64>) -> Innovation {
         self.update(measured - self.mixture.position, &Matrix3::identity(), measurement_covariance)
     }
@@ -217,7 +216,7 @@ impl InteractingFilter {
         Innovation { normalised_squared, log_likelihood: largest + total.ln() }
     }
 
-    /// Computes the mixture anew.
+    /// Computes the mixture again.
     fn merge(&mut self) {
         let n = self.model.modes().len();
         let (mean, covariance) = moments(&self.states[..n], &self.probabilities, moving);

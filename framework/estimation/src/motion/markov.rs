@@ -1,4 +1,4 @@
-//! Which modes an interacting model has, and how a point changes between them: a Markov chain in continuous time.
+//! The modes of an interacting model, and how a point changes between them: a Markov chain in continuous time.
 //!
 //! Observations come at any interval, so the chain is given by rates Q, qᵢⱼ [1/s] from mode i to mode j, and the
 //! probabilities of a change within t are exp(Q t).
@@ -8,7 +8,7 @@ use nalgebra::Matrix3;
 use super::Mode;
 use super::interacting::MODES_MAX;
 
-/// A point that moves now in one mode, now in another.
+/// A motion model that switches between two or three modes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interacting {
     modes: [Mode; MODES_MAX],
@@ -17,36 +17,35 @@ pub struct Interacting {
     start: [f64; MODES_MAX],
 }
 
-/// Why something is no [`Interacting`] model.
+/// Why the parameters make no [`Interacting`] model.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum BadModel {
-    /// There are to be two or three modes.
-    #[error("{0} modes; there can be 2 or {MODES_MAX}")]
+    /// The number of modes is not two or three.
+    #[error("found {0} modes, expected 2 or {MODES_MAX}")]
     Count(usize),
-    /// A density or standard deviation is to be a finite number, 0 or more.
+    /// A density or standard deviation is negative or not finite.
     #[error("mode {mode} has {value} as a density or standard deviation; expected a finite number, 0 or more")]
     Noise {
-        /// Which mode, from 0.
+        /// Index of the mode.
         mode: usize,
-        /// What was found.
+        /// Value that was found.
         value: f64,
     },
-    /// A mean stay is to be above 0, a rate a finite number, 0 or more.
+    /// A mean stay is not above 0, or a rate is negative or not finite.
     #[error("the change from mode {mode} has the rate {rate_per_s} per second; expected a finite number, 0 or more")]
     Rate {
-        /// Which mode, from 0.
+        /// Index of the mode.
         mode: usize,
-        /// What was found [1/s].
+        /// Rate that was found [1/s].
         rate_per_s: f64,
     },
 }
 
 impl Interacting {
-    /// Modes, each with how long a point stays in it on average [s], above 0 (infinite: for ever). It leaves for each of the
-    /// other modes equally often.
+    /// A model from modes and the mean time that a point stays in each [s], above 0 (infinite: for ever). All other modes are equally likely next.
     ///
     /// # Errors
-    /// Not two or three modes, or a number out of its range.
+    /// Not two or three modes, or a number out of range.
     pub fn new(modes_and_stays_s: &[(Mode, f64)]) -> Result<Interacting, BadModel> {
         let n_modes = modes_and_stays_s.len();
         let mut modes = Vec::with_capacity(n_modes);
@@ -63,11 +62,11 @@ impl Interacting {
         Interacting::with_rates(&modes, &rates_per_s)
     }
 
-    /// Modes, and the rate [1/s] at which a point in mode i changes to mode j ≠ i, at (i, j). The diagonal, and what
-    /// belongs to no mode, is not read.
+    /// A model from modes and the rate [1/s] at which a point in mode i changes to mode j ≠ i, at (i, j). The
+    /// diagonal, and entries beyond the modes, are not read.
     ///
     /// # Errors
-    /// Not two or three modes, or a number out of its range.
+    /// Not two or three modes, or a number out of range.
     pub fn with_rates(modes: &[Mode], rates_per_s: &Matrix3<f64>) -> Result<Interacting, BadModel> {
         let n_modes = modes.len();
         if !(2..=MODES_MAX).contains(&n_modes) {
@@ -103,12 +102,12 @@ impl Interacting {
         Ok(model)
     }
 
-    /// Two or three modes.
+    /// The modes, two or three.
     pub fn modes(&self) -> &[Mode] {
         &self.modes[..self.n_modes]
     }
 
-    /// Probabilities of the modes before anything was seen: those of the long run.
+    /// Prior probabilities of the modes: those of the long run.
     pub fn start(&self) -> &[f64] {
         &self.start[..self.n_modes]
     }

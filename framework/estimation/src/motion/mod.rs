@@ -1,4 +1,4 @@
-//! A moving point under one of several motion models, behind one type: the model is a setting.
+//! Motion models for tracks of a point, behind one filter type: the model is a setting.
 //!
 //! | model | state | what is random |
 //! |---|---|---|
@@ -6,7 +6,7 @@
 //! | [`Model::ConstantAcceleration`] | and acceleration | jerk: white noise, [`ConstantAcceleration`] |
 //! | [`Model::Interacting`] | those of two or three modes | and which mode holds: [`Interacting`] |
 //!
-//! [`AdaptiveNoise`] scales the noise of any of them by what the innovations say.
+//! [`AdaptiveNoise`] scales the process noise of any of them by the innovations.
 
 mod adaptive;
 mod constant_acceleration;
@@ -22,7 +22,7 @@ pub use filter::Filter;
 pub use interacting::{InteractingFilter, MODES_MAX};
 pub use markov::{BadModel, Interacting};
 
-/// How a point is expected to move.
+/// Motion model of a track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Model {
     /// Nearly constant velocity.
@@ -34,10 +34,10 @@ pub enum Model {
     ConstantAcceleration {
         /// Spectral density of the white-noise jerk [m²/s⁵], 0 or more.
         jerk_density: f64,
-        /// Acceleration to be expected at the start, each axis, standard deviation [m/s²].
+        /// Prior standard deviation of the acceleration, each axis [m/s²].
         acceleration_sigma: f64,
     },
-    /// Now one mode, now another.
+    /// Switches between modes (IMM).
     Interacting(Interacting),
 }
 
@@ -53,8 +53,7 @@ pub enum Mode {
     ConstantAcceleration {
         /// Spectral density of the white-noise jerk [m²/s⁵], 0 or more.
         jerk_density: f64,
-        /// Acceleration of a point about which another mode, without acceleration, has known all so far: each axis,
-        /// standard deviation [m/s²].
+        /// Standard deviation of the acceleration, each axis, when the point enters this mode from one without acceleration [m/s²].
         acceleration_sigma: f64,
     },
 }

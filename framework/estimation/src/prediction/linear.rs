@@ -1,4 +1,4 @@
-//! A combination of recent displacements, fitted to what followed them: a point that swings, bobs or runs in circles goes on as it did.
+//! Linear prediction (Prony): a combination of recent displacements, fitted to what followed them, which continues swings, bobs and circles.
 //!
 //! Any sum of oscillations about a middle obeys a linear recurrence (R. de Prony, 1795), and so does uniform motion:
 //!
@@ -11,13 +11,16 @@
 //! | `weights`, w | the same for all axes of a part, so that a turn of the axes changes nothing either |
 //!
 //! w is the mean of a Bayesian linear regression: before anything is known, w = (τ (1 − exp(−L/τ))/Δ, 0, …, 0), a velocity that fades; rows of the last seconds
-//! count less the older they are. A point that has hardly moved teaches nothing, and its prediction stays that.
+//! count less the older they are. A point that has hardly moved adds no information, and its prediction stays that.
 //!
-//! Rows of a few seconds can be met by chance by weights that foretell nothing: people who turn abruptly are overshot by a third more than at a velocity that fades. So
-//! there are two answers, of weights that are free and of weights that hardly leave what they are beforehand; which of the two holds, their misses say. The free ones are
-//! the same for all that moves, since they need many rows; the cautious ones are fitted to what is level and to what is upright apart ([`Parts`]).
+//! Rows of a few seconds can be fitted by chance with weights that predict nothing: people who turn abruptly are
+//! overshot by a third more than with a fading velocity. So there are two predictions, one with free weights and one
+//! with weights held near their prior; their errors decide between them. The free weights are the same for all parts
+//! of a motion, since they need many rows; the cautious ones are fitted to level and upright motion separately
+//! ([`Parts`]).
 //!
-//! Neither says that the point goes farther than it ever went in that time, or than its velocity takes it: somebody who jumps once was foretold to be metres away.
+//! Neither predicts farther than the point ever moved over the horizon, or than its velocity takes it; otherwise a
+//! single jump leads to predictions metres away.
 
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 

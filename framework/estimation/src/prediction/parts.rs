@@ -1,7 +1,8 @@
-//! The parts of a motion that have little to do with one another: upright, and the rest.
+//! The nearly independent parts of a motion: upright and level.
 //!
-//! Somebody who walks bobs twice a stride, and goes where he wants to; somebody who jumps falls as stones do, and stays where he was. What foretells the one says nothing of the other, so
-//! each part has predictors and weights of its own. Z is up (docs/notation.md).
+//! A walking person bobs twice a stride and steers freely; a jumping person falls ballistically and stays in place.
+//! The one predicts nothing about the other, so each part has predictors and weights of its own. Z is up
+//! (docs/notation.md).
 
 use nalgebra::{Matrix3, Point3, Vector3};
 

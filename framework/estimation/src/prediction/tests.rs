@@ -4,27 +4,27 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::{Predictor, PredictorOptions, SCORED, Way};
+use super::{PredictionMethod, Predictor, PredictorOptions, SCORED};
 use crate::random::Random;
 
 const HORIZON_S: f64 = 0.35;
 
 /// Root of the mean squared miss over the horizon from `from_s` on, and the mean of the stated variance over the squared miss, of a point on
 /// `path`, tracked at 100 Hz with noise [m].
-fn missed(way: Way, from_s: f64, path: impl Fn(f64) -> [f64; 3]) -> (f64, f64) {
+fn missed(method: PredictionMethod, from_s: f64, path: impl Fn(f64) -> [f64; 3]) -> (f64, f64) {
     let at = |time_s: f64| Point3::from(path(time_s));
     let mut random = Random::new(7);
-    let mut predictor = Predictor::new(PredictorOptions { way, ..PredictorOptions::default() });
+    let mut predictor = Predictor::new(PredictorOptions { method, ..PredictorOptions::default() });
     let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
     for step in 0..1500 {
         let time_s = 3.0 + f64::from(step) * 0.01;
         let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
         let velocity = (at(time_s + 1e-4) - at(time_s - 1e-4)) / 2e-4 + noise(0.02);
         predictor.observe(time_s, at(time_s) + noise(0.001), velocity, &(Matrix3::identity() * 1e-6));
-        let foretold = predictor.predict(time_s + HORIZON_S).unwrap();
+        let predicted = predictor.predict(time_s + HORIZON_S).unwrap();
         if time_s >= from_s {
-            squares += (foretold.position - at(time_s + HORIZON_S)).norm_squared();
-            stated += foretold.covariance.trace();
+            squares += (predicted.position - at(time_s + HORIZON_S)).norm_squared();
+            stated += predicted.covariance.trace();
             count += 1.0;
         }
     }
@@ -39,9 +39,10 @@ fn swing(time_s: f64) -> [f64; 3] {
 
 #[test]
 fn a_swing_is_learnt_and_the_weighting_takes_it_up() {
-    let of = |way: Way| missed(way, 8.0, swing).0;
-    let (still, velocity, acceleration) = (of(Way::Still), of(Way::Velocity), of(Way::Acceleration));
-    let (linear, weighting) = (of(Way::Linear), of(Way::Weighted));
+    let of = |method: PredictionMethod| missed(method, 8.0, swing).0;
+    let (still, velocity, acceleration) =
+        (of(PredictionMethod::Still), of(PredictionMethod::Velocity), of(PredictionMethod::Acceleration));
+    let (linear, weighting) = (of(PredictionMethod::Linear), of(PredictionMethod::Weighted));
     println!(
         "still {still:.3}, velocity {velocity:.3}, acceleration {acceleration:.3}, linear {linear:.3}, weighting {weighting:.3} m"
     );
@@ -66,36 +67,36 @@ fn reaches(seed: u64) -> impl Fn(f64) -> [f64; 3] {
 
 #[test]
 fn where_nothing_comes_again_little_is_learnt_and_no_member_is_much_better() {
-    let of = |way: Way| (0..8).map(|seed| missed(way, 5.0, reaches(seed)).0.ln()).sum::<f64>() / 8.0;
-    let weighted = of(Way::Weighted);
-    for way in SCORED {
-        println!("{way:?} {:.3} m, the weighted {:.2} of it", of(way).exp(), (weighted - of(way)).exp());
-        assert!((weighted - of(way)).exp() < 1.05, "{way:?}");
+    let of = |method: PredictionMethod| (0..8).map(|seed| missed(method, 5.0, reaches(seed)).0.ln()).sum::<f64>() / 8.0;
+    let weighted = of(PredictionMethod::Weighted);
+    for method in SCORED {
+        println!("{method:?} {:.3} m, the weighted {:.2} of it", of(method).exp(), (weighted - of(method)).exp());
+        assert!((weighted - of(method)).exp() < 1.05, "{method:?}");
     }
-    assert!(of(Way::Cautious) < of(Way::Linear));
+    assert!(of(PredictionMethod::Cautious) < of(PredictionMethod::Linear));
 }
 
-/// Mean of what is missed, level and upright [m], by `way`, of a point on `path` that is tracked at 100 Hz and looked at from the side; `check` is told where the point is, how fast it
+/// Mean of what is missed, level and upright [m], by `method`, of a point on `path` that is tracked at 100 Hz and looked at from the side; `check` gets where the point is, how fast it
 /// goes, and where it is said to be.
 fn missed_in_parts(
-    way: Way,
+    method: PredictionMethod,
     path: impl Fn(f64) -> [f64; 3],
     mut check: impl FnMut(f64, Vector3<f64>, Vector3<f64>),
 ) -> [f64; 2] {
     let at = |time_s: f64| Point3::from(path(time_s));
     let mut random = Random::new(11);
     let eye = Some(Point3::new(0.0, -3.0, 1.5));
-    let mut predictor = Predictor::new(PredictorOptions { way, eye, ..PredictorOptions::default() });
+    let mut predictor = Predictor::new(PredictorOptions { method, eye, ..PredictorOptions::default() });
     let (mut sums, mut count) = ([0.0; 2], 0.0);
     for step in 0..1500 {
         let time_s = 1.0 + f64::from(step) * 0.01;
         let mut noise = |sigma: f64| Vector3::from_fn(|_, _| sigma * random.normal());
         let velocity = (at(time_s + 1e-4) - at(time_s - 1e-4)) / 2e-4 + noise(0.02);
         predictor.observe(time_s, at(time_s) + noise(0.001), velocity, &(Matrix3::identity() * 1e-6));
-        let foretold = predictor.predict(time_s + HORIZON_S).unwrap().position;
-        check(time_s, velocity, foretold - at(time_s));
+        let predicted = predictor.predict(time_s + HORIZON_S).unwrap().position;
+        check(time_s, velocity, predicted - at(time_s));
         if time_s >= 5.0 {
-            let missed = foretold - at(time_s + HORIZON_S);
+            let missed = predicted - at(time_s + HORIZON_S);
             sums = [sums[0] + missed.x.abs(), sums[1] + missed.z.abs()];
             count += 1.0;
         }
@@ -109,8 +110,8 @@ fn who_goes_about_and_bobs_is_foretold_in_both() {
     let bob = |time_s: f64| 0.04 * (TAU * 1.1 * time_s).sin();
     for seed in 0..3 {
         let goes = reaches(seed);
-        let both = missed_in_parts(Way::Weighted, |it| [goes(it)[0], 0.0, 1.5 + bob(it)], |_, _, _| {});
-        let level = missed_in_parts(Way::Weighted, |it| [goes(it)[0], 0.0, 1.5], |_, _, _| {})[0];
+        let both = missed_in_parts(PredictionMethod::Weighted, |it| [goes(it)[0], 0.0, 1.5 + bob(it)], |_, _, _| {});
+        let level = missed_in_parts(PredictionMethod::Weighted, |it| [goes(it)[0], 0.0, 1.5], |_, _, _| {})[0];
         assert!(both[0] < 1.05 * level && both[1] < 0.006, "seed {seed}: {both:?} m, level alone {level} m");
     }
 }
@@ -124,30 +125,30 @@ fn no_combination_of_displacements_goes_farther_than_the_point_ever_did() {
         [0.1 * (0.7 * time_s).sin(), 0.0, 1.5 + height]
     };
     let at = |time_s: f64| Point3::from(hops(time_s));
-    for way in [Way::Linear, Way::Cautious] {
+    for method in [PredictionMethod::Linear, PredictionMethod::Cautious] {
         let mut farthest = 0.0_f64;
-        missed_in_parts(way, hops, |time_s, velocity, goes| {
+        missed_in_parts(method, hops, |time_s, velocity, goes| {
             if time_s > 1.0 + HORIZON_S {
                 farthest = farthest.max((at(time_s) - at(time_s - HORIZON_S)).norm());
             }
             // The filter's velocity is what the noise of a few samples leaves of it.
             let most = farthest.max(velocity.norm() * HORIZON_S) + 0.12;
-            assert!(goes.norm() < most, "{way:?} at {time_s} s: {} m, the farthest {most} m", goes.norm());
+            assert!(goes.norm() < most, "{method:?} at {time_s} s: {} m, the farthest {most} m", goes.norm());
         });
     }
 }
 
 #[test]
 fn uniform_motion_and_rest_are_as_exact_as_the_samples() {
-    assert!(missed(Way::Weighted, 8.0, |_| [1.0, 2.0, 1.0]).0 < 0.008);
-    assert!(missed(Way::Weighted, 8.0, |time_s| [0.9 * time_s, -0.4 * time_s, 1.0]).0 < 0.012);
+    assert!(missed(PredictionMethod::Weighted, 8.0, |_| [1.0, 2.0, 1.0]).0 < 0.008);
+    assert!(missed(PredictionMethod::Weighted, 8.0, |time_s| [0.9 * time_s, -0.4 * time_s, 1.0]).0 < 0.012);
 }
 
 #[test]
 fn the_stated_uncertainty_is_that_of_the_misses() {
-    for way in [Way::Velocity, Way::Linear, Way::Weighted] {
-        let (_, ratio) = missed(way, 8.0, swing);
-        assert!((0.6..1.7).contains(&ratio), "{way:?}: stated over found variance {ratio:.2}");
+    for method in [PredictionMethod::Velocity, PredictionMethod::Linear, PredictionMethod::Weighted] {
+        let (_, ratio) = missed(method, 8.0, swing);
+        assert!((0.6..1.7).contains(&ratio), "{method:?}: stated over found variance {ratio:.2}");
     }
 }
 
@@ -202,9 +203,9 @@ fn what_an_eye_does_not_see_teaches_nothing() {
                 velocity,
                 &(Matrix3::identity() * 1e-6),
             );
-            let foretold = predictor.predict(time_s + HORIZON_S).unwrap();
+            let predicted = predictor.predict(time_s + HORIZON_S).unwrap();
             if time_s > 5.0 {
-                squares += (foretold.position.x - at(time_s + HORIZON_S)).powi(2);
+                squares += (predicted.position.x - at(time_s + HORIZON_S)).powi(2);
                 count += 1.0;
             }
         }

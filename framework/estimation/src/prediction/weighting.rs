@@ -1,8 +1,10 @@
-//! Which way of carrying on has foretold best of late.
+//! Weights prediction methods by recent prediction error.
 //!
-//! Each way's prediction over the horizon in use is kept until that time has come, and compared with what happened. Ways are weighted by
-//! their mean misses of the last half second and of the last seven, each to the power −[`SHARPNESS`]: the best one nearly alone where it is much better, all alike where they are alike, without
-//! a jump when the lead changes; and who led for long is not given up for one turn. What is level and what is upright is weighted apart ([`Parts`]).
+//! Each method's prediction over the horizon in use is kept until that time has come, and compared with the
+//! observation. The weights are the mean errors of the last half second and of the last seven, each to the power
+//! −[`SHARPNESS`]: the best method nearly alone where it is much better, all alike where their errors are alike,
+//! without a jump when the lead changes; a method that led for long is not dropped after one turn. Level and upright
+//! motion are weighted separately ([`Parts`]).
 
 use std::collections::VecDeque;
 
@@ -12,29 +14,29 @@ use super::history::History;
 use super::parts::{PARTS, Parts};
 
 /// How many are scored.
-pub(super) const WAYS: usize = 8;
+pub(super) const METHODS: usize = 8;
 /// The first so many of them compete.
 const COMPETITORS: usize = 7;
 /// Of weights by mean misses [–]. Higher, and the lead of a few misses decides; lower, and the worst are not silenced.
 const SHARPNESS: i32 = 3;
 /// Weights forget this much faster than the stated uncertainty, and this much slower: who leads changes with what the point does, within half a second, and half a second alone knows little [–].
 const QUICKER: [f64; 2] = [4.0, 0.3];
-/// What a way is worth beforehand, in the order of the ways: a velocity that fades slowly is that of people at most times. Chosen on four people who dance, jump and walk, and on drawn
-/// paths, so that no path is foretold worse than at constant velocity [–].
+/// What a method is worth beforehand, in the order of the methods: a velocity that fades slowly is that of people at most times. Chosen on four people who dance, jump and walk, and on drawn
+/// paths, so that no path is predicted worse than at constant velocity [–].
 const WORTH: [f64; COMPETITORS] = [1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0];
-/// A miss over the square of the horizon that nobody minds, standard deviation [m/s²].
+/// A negligible error over the square of the horizon, standard deviation [m/s²].
 const TRIFLE_M_S2: f64 = 0.003;
-/// What each way is taken to miss by, over the square of the horizon, before the first miss is measured [m/s²].
+/// What each method is taken to miss by, over the square of the horizon, before the first miss is measured [m/s²].
 const BEFOREHAND_M_S2: f64 = 1.0;
 /// And for how many misses of that size this counts [–].
 const BEFOREHAND: f64 = 3.0;
 
 #[derive(Debug, Clone)]
-struct Foretold {
+struct Stored {
     time_s: f64,
     horizon_s: f64,
     made_s: f64,
-    by: [Point3<f64>; WAYS],
+    by: [Point3<f64>; METHODS],
     mixed: Point3<f64>,
 }
 
@@ -42,11 +44,11 @@ struct Foretold {
 pub(super) struct PredictorWeighting {
     memory_s: f64,
     eye: Option<Point3<f64>>,
-    waiting: VecDeque<Foretold>,
-    /// Misses of the ways over the horizon squared [m/s²], by which they are weighted, each part by its own; quickly forgotten and slowly.
-    recent: [[Discounted<WAYS>; 2]; PARTS],
-    /// Squares of the same, an axis each, of the ways and last of the mixture [m²/s⁴], for the uncertainty that is stated.
-    lasting: Discounted<{ WAYS + 1 }>,
+    waiting: VecDeque<Stored>,
+    /// Errors of the methods over the horizon squared [m/s²], for the weights, each part by its own; quickly forgotten and slowly.
+    recent: [[Discounted<METHODS>; 2]; PARTS],
+    /// Squares of the same, per axis, of the methods and last of the mixture [m²/s⁴], for the stated uncertainty.
+    lasting: Discounted<{ METHODS + 1 }>,
     last_s: f64,
 }
 
@@ -86,25 +88,25 @@ impl PredictorWeighting {
         }
     }
 
-    /// Keeps what each way says at `time_s` of `horizon_s` later.
-    pub fn foretell(&mut self, time_s: f64, horizon_s: f64, by: [Point3<f64>; WAYS]) {
+    /// Stores each method's prediction at `time_s` of `horizon_s` later.
+    pub fn store(&mut self, time_s: f64, horizon_s: f64, by: [Point3<f64>; METHODS]) {
         let mixed = self.weigh(&by);
-        self.waiting.push_back(Foretold { time_s: time_s + horizon_s, horizon_s, made_s: time_s, by, mixed });
+        self.waiting.push_back(Stored { time_s: time_s + horizon_s, horizon_s, made_s: time_s, by, mixed });
     }
 
-    /// Compares what was foretold of times up to `now_s` with what was.
+    /// Compares the stored predictions of times up to `now_s` with the observations.
     pub fn score(&mut self, now_s: f64, history: &History) {
         while self.waiting.front().is_some_and(|it| it.time_s <= now_s) {
-            let Some(foretold) = self.waiting.pop_front() else { break };
-            let Some(happened) = history.at(foretold.time_s) else { continue };
-            let passed = (foretold.made_s - self.last_s).max(0.0) / self.memory_s;
-            self.last_s = foretold.made_s;
-            let scale = foretold.horizon_s.powi(4).max(1e-8);
+            let Some(predicted) = self.waiting.pop_front() else { break };
+            let Some(happened) = history.at(predicted.time_s) else { continue };
+            let passed = (predicted.made_s - self.last_s).max(0.0) / self.memory_s;
+            self.last_s = predicted.made_s;
+            let scale = predicted.horizon_s.powi(4).max(1e-8);
             let parts = Parts::new(self.eye.as_ref(), &happened);
             let missed = |point: &Point3<f64>| parts.squares(&(point - happened)).map(|it| it / scale);
             for (part, recent) in self.recent.iter_mut().enumerate() {
                 for (recent, quicker) in recent.iter_mut().zip(QUICKER) {
-                    recent.add((-passed * quicker).exp(), foretold.by.iter().map(|it| missed(it)[part].sqrt()));
+                    recent.add((-passed * quicker).exp(), predicted.by.iter().map(|it| missed(it)[part].sqrt()));
                 }
             }
             let axes = parts.axes();
@@ -112,13 +114,13 @@ impl PredictorWeighting {
                 missed(point).iter().zip(axes).map(|(square, axes)| square * axes).sum::<f64>()
                     / axes.iter().sum::<f64>()
             };
-            self.lasting.add((-passed).exp(), foretold.by.iter().chain([&foretold.mixed]).map(an_axis));
+            self.lasting.add((-passed).exp(), predicted.by.iter().chain([&predicted.mixed]).map(an_axis));
         }
     }
 
-    /// Of each way for a part, summing to 1: those that do not compete have 0.
-    fn weights(&self, part: usize) -> [f64; WAYS] {
-        let mut weights = [0.0; WAYS];
+    /// Of each method for a part, summing to 1: those that do not compete have 0.
+    fn weights(&self, part: usize) -> [f64; METHODS] {
+        let mut weights = [0.0; METHODS];
         for (index, (weight, worth)) in weights.iter_mut().zip(WORTH).enumerate() {
             let missed = self.recent[part].map(|it| it.mean(index) + TRIFLE_M_S2);
             *weight = worth * (missed[0] * missed[1]).recip().powi(SHARPNESS);
@@ -127,8 +129,8 @@ impl PredictorWeighting {
         weights.map(|it| it / sum)
     }
 
-    /// The weighted mean of what the ways say.
-    pub fn weigh(&self, by: &[Point3<f64>; WAYS]) -> Point3<f64> {
+    /// The weighted mean of the methods' predictions.
+    pub fn weigh(&self, by: &[Point3<f64>; METHODS]) -> Point3<f64> {
         let mean = |part: usize| {
             let weighted = by.iter().zip(self.weights(part)).map(|(it, weight)| it.coords * weight);
             weighted.sum::<Vector3<f64>>()
@@ -136,8 +138,8 @@ impl PredictorWeighting {
         Point3::from(Parts::new(self.eye.as_ref(), &by[0]).join([mean(0), mean(1)]))
     }
 
-    /// Of one axis, of a way or of the mixture, over a horizon [m²].
-    pub fn variance(&self, way: Option<usize>, horizon_s: f64) -> f64 {
-        self.lasting.mean(way.unwrap_or(WAYS)) * horizon_s.powi(4)
+    /// Variance per axis of a method or of the mixture, over a horizon [m²].
+    pub fn variance(&self, method: Option<usize>, horizon_s: f64) -> f64 {
+        self.lasting.mean(method.unwrap_or(METHODS)) * horizon_s.powi(4)
     }
 }

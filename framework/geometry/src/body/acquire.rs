@@ -1,12 +1,15 @@
-//! From voxels alone to a first body [Mikić 2001 §3]: head, neck, torso; limbs stand beside in [`super::limbs`].
+//! Acquisition of a body from voxels alone [Mikić 2001 §3]: head, neck, torso; limbs are in [`super::limbs`].
 //!
-//! 1. Head: a spherical crust between the smallest and the largest head is laid about each place that is deep enough. In the paper its surface voxels are counted; here 96 ways go out
-//!    from its middle, and counted are those that leave the voxels within the crust, so that the threshold does not depend on the size of voxels. A head leaves by its neck only.
+//! 1. Head: a spherical crust between the smallest and the largest head is placed at each position that is deep
+//!    enough. The paper counts its surface voxels; here 96 directions are followed
+//!    from its middle, and those count that leave the voxels within the crust, so that the threshold does not depend
+//!    on the size of voxels. A head is open at its neck only.
 //! 2. Neck: the mean of the head's voxels that touch others.
-//! 3. Torso: the template hangs on the neck and swings until its axis goes through the middle of what lies inside it. Then it is shrunk, and grown along its axis until
+//! 3. Torso: the template hangs on the neck and swings until its axis passes through the middle of the voxels inside
+//!    it. Then it is shrunk, and extended along its axis until
 //!    that is no longer inside: where the legs part.
 //!
-//! Each step can fail and says why; several places for the head are tried, the best first.
+//! Each step can fail, with a reason; several places for the head are tried, the best first.
 
 use nalgebra::{Matrix2, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
@@ -17,28 +20,28 @@ use super::parts::{N_PARTS, Part};
 use super::proportions::{Proportions, share};
 use super::solid::TRUNK_BOTTOM;
 
-/// How heads and torsos are told.
+/// Options of acquisition.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AcquisitionOptions {
-    /// Inner and outer radius of the crust: the smallest and the largest head, with hair [m].
+    /// Inner and outer radius of the crust: the smallest and the largest head, hair included [m].
     pub crust: [f64; 2],
-    /// A head is accepted where at least so many of the ways leave within the crust [–].
+    /// Least share of the directions that leave within the crust, for a head [–].
     pub crust_share: f64,
-    /// A torso is accepted where voxels fill at least so much of its template [–].
+    /// Least share of the torso's template filled by voxels, for a torso [–].
     pub torso_filled: f64,
-    /// No body is begun whose torso's upper end points farther down than that: cosine of its angle to the vertical [–].
+    /// Least cosine between the vertical and the direction to the torso's upper end, for a body [–].
     pub least_up: f64,
-    /// A body is accepted where no more of the voxels' skin belongs to no part [–].
+    /// Largest share of the voxels' skin that may belong to no part, for a body [–].
     pub most_unexplained: f64,
-    /// What is smaller is no body [m³].
+    /// Least volume of a body [m³].
     pub least_volume: f64,
-    /// What is wanted of a limb.
+    /// Options for limbs.
     pub limbs: super::limbs::LimbOptions,
 }
 
 impl Default for AcquisitionOptions {
     /// Who lies is found, who stands on the head only when upright again: in hulls, calves look like heads, and legs like a torso on them. Arms that hang are a third of a body's skin.
-    /// Heads are 14 to 26 cm through (Winter, figure 4.1, adults ± hair). The neck takes a tenth of all ways and a hull of few views another tenth. A child of ten has 30 l.
+    /// Heads are 14 to 26 cm through (Winter, figure 4.1, adults ± hair). The neck takes a tenth of all directions and a hull of few views another tenth. A child of ten has 30 l.
     fn default() -> Self {
         Self {
             crust: [0.065, 0.15],
@@ -55,124 +58,126 @@ impl Default for AcquisitionOptions {
 /// Why no body was acquired.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum AcquisitionFailure {
-    /// Too small.
-    #[error("{found:.4} m³ of voxels, a body has {expected:.4} m³ or more")]
+    /// Too few voxels for a body.
+    #[error("{found:.4} m³ of voxels, expected {expected:.4} m³ or more for a body")]
     Small {
-        /// [m³]
+        /// Volume of the voxels [m³].
         found: f64,
-        /// [m³]
+        /// Volume that is needed [m³].
         expected: f64,
     },
-    /// No place looks like a head.
-    #[error("no head: at best {found:.2} of all ways leave within the crust, {expected:.2} are needed")]
+    /// No head was found.
+    #[error("no head: at best {found:.2} of all directions leave within the crust, expected {expected:.2}")]
     Head {
-        /// Largest share [–].
+        /// Largest share found [–].
         found: f64,
-        /// Threshold [–].
+        /// Share that is needed [–].
         expected: f64,
     },
-    /// Below no head there is a torso.
-    #[error("no torso: below the head voxels fill {found:.2} of the template, {expected:.2} are needed")]
+    /// No torso was found below any head.
+    #[error("no torso: voxels fill {found:.2} of the template below the head, expected {expected:.2}")]
     Torso {
-        /// Largest share [–].
+        /// Largest share found [–].
         found: f64,
-        /// Threshold [–].
+        /// Share that is needed [–].
         expected: f64,
     },
-    /// What looks like a torso below a head hangs upwards.
+    /// The torso below the head points upwards from it.
     #[error(
-        "no torso: the one at the head points the wrong way, cosine {found:.2} to the vertical, {expected:.2} or more is needed"
+        "no torso: the one at the head points the wrong way, cosine {found:.2} to the vertical, expected {expected:.2} or more"
     )]
     Hanging {
-        /// Largest cosine [–].
+        /// Largest cosine found [–].
         found: f64,
-        /// Threshold [–].
+        /// Cosine that is needed [–].
         expected: f64,
     },
-    /// Too much is left over.
-    #[error("head and torso explain too little: {found:.2} of the skin belongs to no part, {expected:.2} is the most")]
-    Rest {
-        /// [–]
-        found: f64,
-        /// Threshold [–].
-        expected: f64,
-    },
-    /// It fits, but nobody looks like that: armchairs, boxes and plants do.
+    /// Head and torso leave too many voxels unexplained.
     #[error(
-        "too unlike a person: {head:.2} of the head's skin is there, and the limbs' sizes are {limbs:.1} standard deviations from people's"
+        "head and torso explain too little: {found:.2} of the skin belongs to no part, expected at most {expected:.2}"
+    )]
+    Rest {
+        /// Share of the skin that belongs to no part [–].
+        found: f64,
+        /// Largest accepted share [–].
+        expected: f64,
+    },
+    /// The model fits, but is unlike a person, as with armchairs, boxes and plants.
+    #[error(
+        "too unlike a person: {head:.2} of the head's skin is present, and the limbs' sizes are {limbs:.1} standard deviations from people's"
     )]
     Unlike {
-        /// [–]
+        /// Share of the head's skin that is present [–].
         head: f64,
-        /// Root mean square over all limbs [–].
+        /// Root mean square deviation of the limbs' sizes, in standard deviations [–].
         limbs: f64,
     },
-    /// The volume cuts it off, and the head is perhaps beyond its end.
+    /// The volume cuts the body off, and the head may be beyond its end.
     #[error(
-        "the volume cuts it off, and no head in it is clear: {head:.2} of its skin is there, {expected:.2} are needed"
+        "the volume cuts it off, and no head in it is clear: {head:.2} of its skin is present, expected {expected:.2}"
     )]
     CutOff {
-        /// [–]
+        /// Share of the head's skin that is present [–].
         head: f64,
-        /// Threshold [–].
+        /// Share that is needed [–].
         expected: f64,
     },
-    /// What goes on above the head that was found, up to the volume's top, may be the head.
+    /// Voxels above the head that was found reach the volume's top, and may be the real head.
     #[error(
         "the volume cuts it off: {away:.2} m beside the head that was found {thick:.2} m thick voxels reach the volume's top, {above:.2} m higher, and that may be the head"
     )]
     CutAbove {
-        /// Of what reaches the top [m].
+        /// Thickness of the voxels that reach the top [m].
         thick: f64,
-        /// How much higher the top is than the middle of the head that was found [m].
+        /// Height of the top above the middle of the head that was found [m].
         above: f64,
-        /// How far aside, seen from above [m].
+        /// Horizontal distance from that head [m].
         away: f64,
     },
-    /// It is somebody who is followed already, or one too many.
-    #[error("its head is that of a body that is followed already, or {most} are followed, which is the most")]
+    /// The body is tracked already, or as many bodies are tracked as allowed.
+    #[error("its head is that of a tracked body, or {most} bodies are tracked, which is the limit")]
     Known {
-        /// The most that are followed.
+        /// The most bodies that are tracked.
         most: usize,
     },
-    /// What sticks out of another body's voxels looks like somebody who lies or stoops there: thighs and chairs do.
+    /// Voxels beside another body that would be a lying or stooping person: thighs and chairs look like that.
     #[error(
-        "beside another body, and its head is {found:.2} m above its lowest voxel with the torso {upright:.2} upright: somebody new there has {expected:.2} m and {least_upright:.2} or more"
+        "beside another body, and its head is {found:.2} m above its lowest voxel with the torso {upright:.2} upright: expected {expected:.2} m and {least_upright:.2} or more for a new person there"
     )]
     Beside {
-        /// [m]
+        /// Height of the head above the lowest voxel [m].
         found: f64,
-        /// [m]
+        /// Height that is needed [m].
         expected: f64,
-        /// Cosine of the torso's angle to the vertical [–].
+        /// Cosine between the torso and the vertical [–].
         upright: f64,
-        /// [–]
+        /// Cosine that is needed [–].
         least_upright: f64,
     },
-    /// The model does not fit the voxels after all.
+    /// The fitted model does not agree with the voxels.
     #[error(
-        "the fitted {part} does not agree with the voxels: {inside:.2} of its axis lies inside, {covered:.2} of its skin is there"
+        "the fitted {part} does not agree with the voxels: {inside:.2} of its axis lies inside, {covered:.2} of its skin is present"
     )]
     Fit {
-        /// Which part.
+        /// Name of the part.
         part: &'static str,
-        /// [–]
+        /// Share of its axis inside the voxels [–].
         inside: f64,
-        /// [–]
+        /// Share of its skin that is present [–].
         covered: f64,
     },
 }
 
-/// A place that looks like a head.
+/// A candidate for a head.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadFound {
-    /// Its middle [m].
+    /// Centre [m].
     pub centre: Point3<f64>,
-    /// Mean of the ways to its skin [m].
+    /// Mean distance from the centre to the skin [m].
     pub radius: f64,
-    /// Share of all ways that leave within the crust [–].
+    /// Share of the directions that leave within the crust [–].
     pub crust_share: f64,
-    /// Towards the neck, of length 1.
+    /// Unit direction to the neck.
     pub down: Vector3<f64>,
 }
 
@@ -189,7 +194,7 @@ pub(super) fn ways<const N: usize>() -> [Vector3<f64>; N] {
     })
 }
 
-/// Places that look like heads, the best first, none within 0.12 m of a better one. `best`: the largest share of all, accepted or not.
+/// Candidates for heads, the best first, none within 0.12 m of a better one; and the largest share of all directions, accepted or not.
 pub fn find_heads(field: &VoxelField, options: &AcquisitionOptions) -> (Vec<HeadFound>, f64) {
     let ways = ways::<N_WAYS>();
     let [inner, outer] = options.crust;
@@ -241,7 +246,7 @@ fn is_on_lattice(field: &VoxelField, cell: u32, coarse: u32) -> bool {
     off(place.x) && off(place.y) && off(place.z)
 }
 
-/// How far one goes along `way` until the voxels end; `None`: farther than `most`, or out of the volume, where nobody knows.
+/// Distance along `way` until the voxels end; `None`: farther than `most`, or out of the volume, where occupancy is unknown.
 fn leaves(field: &VoxelField, from: &Point3<f64>, way: &Vector3<f64>, most: f64) -> Option<f64> {
     let step = field.size() * 0.4;
     let n = (most / step).ceil() as usize;
@@ -288,16 +293,16 @@ fn try_head(field: &VoxelField, centre: &Point3<f64>, ways: &[Vector3<f64>], [in
     }
 }
 
-/// A head, a neck and a torso.
+/// A candidate for head, neck and torso.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrunkFound {
     /// The head.
     pub head: HeadFound,
-    /// Where the torso hangs [m].
+    /// Position of the neck [m].
     pub neck: Point3<f64>,
-    /// From the torso's lower end to the neck, of length 1.
+    /// Unit direction from the torso's lower end to the neck.
     pub up: Vector3<f64>,
-    /// To one side, at right angles to it; which one is not told.
+    /// Unit direction to one side, perpendicular to `up`; which side is unknown.
     pub aside: Vector3<f64>,
     /// Length of the torso [m].
     pub length: f64,
@@ -305,7 +310,7 @@ pub struct TrunkFound {
     pub filled: f64,
 }
 
-/// Neck and torso below a head.
+/// Finds neck and torso below a head.
 pub fn find_torso(field: &VoxelField, head: &HeadFound, proportions: &Proportions) -> Option<TrunkFound> {
     let size = share(Part::Torso) * proportions.stature;
     let length = 2.0 * size.z;
@@ -439,29 +444,29 @@ pub(super) fn body_of(trunk: &TrunkFound, proportions: &Proportions) -> Body {
     Body { torso: below, turns, sizes }
 }
 
-/// Moments of voxels and what they say of a part, as the paper has it: middle, axes by ascending variance, half sizes.
+/// Moments of voxels, and the part that they describe, as in the paper: centre, axes by ascending variance, half sizes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
     /// Mean of the centres [m].
     pub centre: Point3<f64>,
     /// Columns: directions of least, middle and largest variance, right-handed.
     pub axes: Matrix3<f64>,
-    /// l₀ ≤ l₁ ≤ l₂ by the [`Form`] [m].
+    /// Half sizes l₀ ≤ l₁ ≤ l₂ for the [`Form`] [m].
     pub sizes: Vector3<f64>,
 }
 
-/// What voxels fill.
+/// The solid that voxels fill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// An ellipsoid, all of it: l = √5 σ, since ∫z² over a ball of radius 1 is a fifth of its volume.
+    /// A solid ellipsoid: l = √5 σ, since ∫z² over a ball of radius 1 is a fifth of its volume.
     Ellipsoid,
-    /// Its surface only: l = √3 σ on a sphere. The paper has this factor, and says that voxels fill the part: then it is 23 % too small.
+    /// The surface of an ellipsoid: l = √3 σ on a sphere. The paper uses this factor although its voxels fill the part: then it is 23 % too small.
     EllipsoidSkin,
-    /// A cylinder, all of it: 2 σ across and √3 σ along.
+    /// A solid cylinder: 2 σ across and √3 σ along.
     Cylinder,
 }
 
-/// Of voxels with these centres and of edge `size` [m]. `None` for fewer than four.
+/// Moments of voxels with these centres and of edge `size` [m]. `None` for fewer than four.
 pub fn moments(centres: &[Point3<f64>], size: f64, form: Form) -> Option<Moments> {
     if centres.len() < 4 {
         return None;

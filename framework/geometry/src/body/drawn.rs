@@ -17,7 +17,7 @@ pub(super) const ORIGIN: Point3<f64> = Point3::new(-0.6, -0.9, 0.0);
 /// Ends and radius [m].
 pub(super) type Tube = ([Point3<f64>; 2], f64);
 
-/// Somebody who stands at the origin with hanging arms.
+/// A person who stands at the origin with hanging arms.
 pub(super) fn somebody() -> Vec<Tube> {
     let p = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
     let mut tubes =
@@ -52,7 +52,7 @@ pub(super) fn field(tubes: &[Tube]) -> VoxelField {
     VoxelField::new(SIZE, &ORIGIN, &indices(tubes), ENDLESS).unwrap()
 }
 
-/// How somebody stands.
+/// How a person stands.
 #[derive(Debug, Clone)]
 pub(super) struct Stance {
     /// [m]
@@ -78,7 +78,7 @@ pub(super) struct Stance {
 }
 
 impl Stance {
-    /// Somebody upright whose legs are parallel or nearly so, of any size.
+    /// An upright person whose legs are parallel or nearly so, of any size.
     pub fn upright(random: &mut Random) -> Self {
         let arm = random.uniform_in(0.12, 1.4);
         Self {
@@ -171,7 +171,7 @@ impl Stance {
     }
 }
 
-/// A long coat around somebody who stands: it hides all of the legs but the shins, and goes out to the hem.
+/// A long coat around a standing person: it hides all of the legs but the shins, and goes out to the hem.
 pub(super) fn coat(joints: &[(Joint, Point3<f64>)]) -> Vec<Tube> {
     let at = |joint: Joint| joints.iter().find(|it| it.0 == joint).unwrap().1;
     let [neck, left, right] = [Joint::Neck, Joint::LeftHip, Joint::RightHip].map(at);
@@ -252,7 +252,7 @@ pub(super) fn plant(at: [f64; 2], random: &mut Random) -> Vec<Tube> {
     tubes
 }
 
-/// Of each voxel, which of the pieces that hang together it is of, corners included.
+/// The connected component of each voxel, corners included.
 pub(super) fn components(indices: &[[u16; 3]]) -> Vec<u16> {
     let place_of: BTreeMap<[u16; 3], usize> = indices.iter().enumerate().map(|(place, it)| (*it, place)).collect();
     let mut components = vec![u16::MAX; indices.len()];

@@ -1,18 +1,20 @@
-//! Which way a body looks. Voxels of somebody who stands still look the same from front and back; what tells is how bodies are built and how they move.
+//! The facing direction of a body: which side is its front. Voxels of a standing person look the same from front and back; anatomy and motion decide.
 //!
-//! | witness | says |
+//! | cue | what it says |
 //! |---|---|
-//! | legs | thighs go to the front, by up to 120°, rather than to the back, by up to 30°; knees bend so that the feet go back. Of both legs the mean: of a stride nothing is left |
+//! | legs | thighs bend to the front, by up to 120°, rather than to the back, by up to 30°; knees bend so that the feet go back. The mean of both legs counts: a stride cancels out |
 //! | feet | stick out to the front of the shins |
-//! | hands | are at work before the trunk: shoulders reach back by 60° only |
-//! | head | is held before the shoulders, of an upright trunk |
-//! | elbows | of arms that hang bend so that the hands go to the front |
-//! | walking | goes ahead, nearly always |
+//! | hands | work in front of the trunk: shoulders reach back by 60° only |
+//! | head | is held in front of the shoulders, for an upright trunk |
+//! | elbows | bend so that the hands go to the front, for arms that hang |
+//! | walking | goes forward, nearly always |
 //!
-//! There are two hypotheses: the front is where the torso's x points, or it is behind. Voxels fit both as well, for the model is the same from both sides, so one body is followed for both; what
-//! differs is the log-odds. Frames that follow each other say the same thing again: what counts is the mean of what each witness said in the last seconds, and it is weighted as a logistic regression
-//! weighs such means. So somebody who walks backwards all day is followed by knees and feet. The front is turned about only once the odds are `TURNS` against it; after that they are as much in favour of the new one, so that
-//! it takes twice that to turn back.
+//! There are two hypotheses: the front is where the torso's x points, or it is behind. Voxels fit both equally well,
+//! for the model is the same from both sides, so one body is tracked for both; the difference is the log-odds.
+//! Successive frames repeat each other: the mean of each cue over the last seconds counts, weighted as in a logistic
+//! regression. So a person who walks backwards all day is still decided by knees and feet. The front is reversed only
+//! once the odds are `TURNS` against it; after that they are as much in favour of the new one, so that it takes twice
+//! that to reverse again.
 
 use nalgebra::{Point3, Vector3};
 

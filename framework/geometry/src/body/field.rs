@@ -1,7 +1,8 @@
-//! Voxels as a field: what is occupied, how deep a place lies inside, and the faces between inside and outside.
+//! Voxels as a field: occupancy, depth inside, and the faces between inside and outside.
 //!
-//! A voxel is occupied where its *centre* is inside. So a skin that passes between an occupied and an empty neighbour lies anywhere between their centres, and the middle
-//! of their common face is where it lies on average: faces measure without the bias of half a voxel that surface voxels have.
+//! A voxel is occupied where its *centre* is inside. So a skin that passes between an occupied and an empty neighbour
+//! lies anywhere between their centres, and on average at the middle of their common face: faces measure without the
+//! bias of half a voxel that surface voxels have.
 //! Depths come from exact Euclidean distance transforms (P. F. Felzenszwalb and D. P. Huttenlocher, "Distance transforms of sampled functions", Theory of Computing 8, 2012).
 
 use nalgebra::{Point3, Vector3};
@@ -9,21 +10,21 @@ use nalgebra::{Point3, Vector3};
 /// Cells around the occupied ones, so that gradients outside exist.
 const MARGIN: usize = 3;
 
-/// A grid that ends nowhere.
+/// A grid without ends.
 pub const ENDLESS: [u32; 3] = [u32::MAX; 3];
 
-/// A piece of the skin of the voxels: the common face of an occupied cell and an empty one.
+/// A piece of the voxels' skin: the common face of an occupied cell and an empty one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
-    /// Its middle [m].
+    /// Centre of the face [m].
     pub position: Point3<f64>,
-    /// Outwards, of length 1; from depths around it, so that it does not only know six directions.
+    /// Unit normal, outwards; from the depths around it, so that it is not limited to six directions.
     pub normal: Vector3<f64>,
-    /// The occupied cell.
+    /// Index of the occupied cell.
     pub cell: u32,
 }
 
-/// Voxels in a box around them.
+/// Voxels with their depths and faces, in a box around them.
 #[derive(Debug, Clone)]
 pub struct VoxelField {
     size: f64,
@@ -41,9 +42,10 @@ pub struct VoxelField {
 }
 
 impl VoxelField {
-    /// Of the cubes at `indices` of a grid of edge `size` [m] whose corner of least x, y, z is `origin` [m]. `None` without voxels.
+    /// The field of the cubes at `indices` of a grid of edge `size` [m] whose corner of least x, y, z is `origin` [m]. `None` without voxels.
     ///
-    /// The grid has `cells` along x, y, z. What reaches its end may go on beyond: there are no faces there, and depths are as if it did. Below its lowest cells is the floor, on which people stand.
+    /// The grid has `cells` along x, y, z. Voxels at its end may continue beyond: there are no faces there, and depths
+    /// are as if they did. Below its lowest cells is the floor.
     pub fn new(size: f64, origin: &Point3<f64>, indices: &[[u16; 3]], cells: [u32; 3]) -> Option<Self> {
         let (mut low, mut high) = (*indices.first()?, *indices.first()?);
         for index in indices {
@@ -93,7 +95,7 @@ impl VoxelField {
         self.ends.as_flattened().contains(&true)
     }
 
-    /// Where what reaches the grid's upper end is thickest there, and its depth [m]; `None` if nothing does.
+    /// The thickest place of the voxels at the grid's upper end, and its depth [m]; `None` if no voxel reaches it.
     pub fn thickest_at_top(&self) -> Option<(Point3<f64>, f64)> {
         let at_top = |it: &&u32| **it as usize / (self.cells[0] * self.cells[1]) + 1 + MARGIN == self.cells[2];
         let top = self.list.iter().filter(|_| self.ends[2][1]).filter(at_top);
@@ -101,7 +103,7 @@ impl VoxelField {
         Some((self.centre(*thickest), self.depth_of(*thickest)))
     }
 
-    /// Whether a place lies beyond an end of the grid that voxels reach: nothing is known there.
+    /// Whether a place lies beyond an end of the grid that voxels reach, where occupancy is unknown.
     pub fn is_beyond(&self, place: &Point3<f64>) -> bool {
         let at = (place - self.first) / self.size;
         (0..3).any(|axis| {
@@ -116,12 +118,12 @@ impl VoxelField {
         self.size
     }
 
-    /// How many voxels there are.
+    /// Number of voxels.
     pub fn len(&self) -> usize {
         self.list.len()
     }
 
-    /// Never: a field has voxels.
+    /// Always `false`: a field has voxels.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
@@ -178,7 +180,8 @@ impl VoxelField {
         f64::from(self.depth[cell as usize])
     }
 
-    /// Depth of any place, above 0 inside, and its gradient, interpolated between centres; outside the box the depth at its nearest place less the way there.
+    /// Depth of any place, above 0 inside, and its gradient, interpolated between centres; outside the box the depth
+    /// at the nearest place in it minus the distance to there.
     pub fn depth(&self, place: &Point3<f64>) -> (f64, Vector3<f64>) {
         let at = (place - self.first) / self.size;
         let inside = Vector3::from_fn(|axis, _| at[axis].clamp(0.0, self.cells[axis] as f64 - 1.001));
@@ -209,7 +212,7 @@ impl VoxelField {
         (depth, gradient / self.size)
     }
 
-    /// The neighbours of a cell: those over faces first, then over edges, then over corners, with their distances in cells. All exist, thanks to the margin.
+    /// The neighbours of a cell: over faces first, then over edges, then over corners, with their distances in cells.
     pub fn neighbours(&self, cell: u32) -> impl Iterator<Item = (u32, f32)> {
         let [nx, ny, _] = self.cells.map(|it| it as i64);
         STEPS.iter().map(move |&([x, y, z], length)| {

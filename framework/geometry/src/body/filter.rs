@@ -1,19 +1,22 @@
-//! The extended Kalman filter of a body [Mikić 2001 §4]: its state, its prediction, and the update by whatever was measured of the parts.
+//! The extended Kalman filter of a body [Mikić 2001 §4]: state, prediction, and update by measurements of the parts.
 //!
 //! | block | numbers | meaning | unit |
 //! |---|---|---|---|
 //! | place | 3 | μ₀ | m |
 //! | turns | 3 a part in the model | δ of Rᵢ ⊕ δ = Rᵢ exp(δ) | rad |
-//! | sizes | 30 | lᵢ of all parts, in the model or not: how long a limb is stays known while it is out of sight | m |
+//! | sizes | 30 | lᵢ of all parts, in the model or not: the length of a limb stays known while it is hidden | m |
 //! | velocity | 3 | of μ₀ | m/s |
 //! | rates | 3 a part in the model | ωᵢ in the part's axes: beyond the paper, which predicts the torso only | rad/s |
 //!
-//! Rows and columns of parts come and go ([`BodyFilter::set_parts`], §6 of the paper). Velocities decay with a time constant, since no limb turns the same way for long
-//! (R. A. Singer, "Estimating optimal tracking filter performance for manned maneuvering targets", IEEE AES 6(4), 1970, with velocity in place of acceleration).
+//! Rows and columns of parts are added and removed ([`BodyFilter::set_parts`], §6 of the paper). Velocities decay with
+//! a time constant, since no limb turns the same way for long
+//! (R. A. Singer, "Estimating optimal tracking filter performance for manned maneuvering targets", IEEE AES 6(4),
+//! 1970, with velocity in place of acceleration).
 //!
-//! What is measured of a part (voxels' faces, moments, labelled points) comes as information about nine numbers, (μᵢ, δᵢ, lᵢ); with the chain's sparse Jacobian
-//! it is carried to the state. Nothing measures velocities, so the update solves for place, turns and sizes (a), iterated about its own result, and takes velocities (b) along: with
-//! G = P_ba P_aa⁻¹, x_b += G Δx_a and P_bb −= G (P_aa⁻ − P_aa⁺) Gᵀ, which is the same as the update of all.
+//! Measurements of a part (voxel faces, moments, labelled points) enter as information about nine numbers, (μᵢ, δᵢ,
+//! lᵢ), and are carried to the state with the chain's sparse Jacobian. No measurement depends on velocities, so the
+//! update solves for place, turns and sizes (a), iterated about its own result, and updates velocities (b) by
+//! correlation: with G = P_ba P_aa⁻¹, x_b += G Δx_a and P_bb −= G (P_aa⁻ − P_aa⁺) Gᵀ, which equals the update of all.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -23,10 +26,10 @@ use super::parts::{Joint, N_PARTS, Part};
 
 /// Information about (μᵢ, δᵢ, lᵢ) of a part.
 pub type Matrix9 = SMatrix<f64, 9, 9>;
-/// A row of (μᵢ, δᵢ, lᵢ).
+/// A row vector over (μᵢ, δᵢ, lᵢ).
 pub type Vector9 = SVector<f64, 9>;
 
-/// How bodies move between two moments.
+/// Motion model of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionOptions {
     /// Time after which a velocity has decayed to 1/e [s].
@@ -35,11 +38,11 @@ pub struct MotionOptions {
     pub torso_acceleration: f64,
     /// Density of the white angular acceleration of torso and head [rad²/s³].
     pub trunk_turning: f64,
-    /// Of upper arms and thighs [rad²/s³].
+    /// The same for upper arms and thighs [rad²/s³].
     pub upper_turning: f64,
-    /// Of lower arms and calves [rad²/s³].
+    /// The same for lower arms and calves [rad²/s³].
     pub lower_turning: f64,
-    /// Random walk of sizes [m²/s]: errors of a hull last as long as a pose, so that its frames are not independent measurements of one size.
+    /// Random walk of sizes [m²/s]: errors of a hull persist as long as a pose, so that its frames are not independent measurements of one size.
     pub size_drift: f64,
 }
 
@@ -58,12 +61,12 @@ impl Default for MotionOptions {
     }
 }
 
-/// A body with velocities and how well all of it is known.
+/// State of a body with velocities and covariance.
 #[derive(Debug, Clone)]
 pub struct BodyFilter {
-    /// The estimate; turns of parts that are not in the model are a guess.
+    /// Estimated posture and sizes; turns of parts that are not in the model are a guess.
     pub body: Body,
-    /// Of the torso [m/s].
+    /// Velocity of the torso [m/s].
     pub velocity: Vector3<f64>,
     /// Angular velocities, each in its part's axes [rad/s].
     pub rates: [Vector3<f64>; N_PARTS],
@@ -71,10 +74,10 @@ pub struct BodyFilter {
     pub(super) covariance: DMatrix<f64>,
 }
 
-/// Standard deviations of what begins.
+/// Standard deviations of a new state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Beginning {
-    /// Place of the torso [m].
+    /// Position of the torso [m].
     pub place: f64,
     /// Turn of a part [rad].
     pub turn: f64,
@@ -91,24 +94,24 @@ impl Default for Beginning {
     }
 }
 
-/// The normal equations of an update: H Δ = −g.
+/// Normal equations of an update: H Δ = −g.
 #[derive(Debug, Clone)]
 pub struct Normal {
     layout: Layout,
-    /// Σ JᵀWJ.
+    /// H = Σ JᵀWJ.
     pub matrix: DMatrix<f64>,
-    /// Σ JᵀWr.
+    /// g = Σ JᵀWr.
     pub vector: DVector<f64>,
 }
 
 impl Normal {
-    /// Without a measurement.
+    /// Empty equations, without measurements.
     pub fn new(layout: Layout) -> Self {
         let n = layout.n_static();
         Self { layout, matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n) }
     }
 
-    /// Of (μᵢ, δᵢ, lᵢ): `information` is Σ w hᵀh and `gradient` Σ w hᵀr, for residuals r with derivatives h at `body`.
+    /// Adds information about (μᵢ, δᵢ, lᵢ): `information` is Σ w hᵀh and `gradient` Σ w hᵀr, for residuals r with derivatives h at `body`.
     pub fn add_part(&mut self, body: &Body, part: Part, information: &Matrix9, gradient: &Vector9) {
         let blocks = part_blocks(body, &self.layout, part);
         for (at, block) in blocks.iter() {
@@ -125,7 +128,7 @@ impl Normal {
         }
     }
 
-    /// One residual that depends on three numbers each at `blocks`, weighted by `weight` = 1/σ².
+    /// Adds one residual that depends on three numbers each at `blocks`, weighted by `weight` = 1/σ².
     pub fn add_row(&mut self, blocks: &[(usize, Vector3<f64>)], residual: f64, weight: f64) {
         for (at, by) in blocks {
             for row in 0..3 {
@@ -166,19 +169,19 @@ fn part_blocks(body: &Body, layout: &Layout, part: Part) -> Vec<(usize, SMatrix<
     blocks
 }
 
-/// What the smoother needs of a step.
+/// A filter step, as the smoother needs it.
 #[derive(Debug, Clone)]
 pub struct Step {
-    /// As predicted from the step before.
+    /// State predicted from the step before.
     pub predicted: BodyFilter,
-    /// F: derivative of the prediction by the state before; `None` where the model got or lost parts in between, or at the start.
+    /// F: derivative of the prediction by the state before; `None` where parts were added or removed in between, or at the start.
     pub transition: Option<DMatrix<f64>>,
-    /// After the update.
+    /// State after the update.
     pub filtered: BodyFilter,
 }
 
 impl BodyFilter {
-    /// A body of these parts, with sizes as uncertain as `sizes_covariance` says.
+    /// A filter for a body with these parts, its sizes with the covariance `sizes_covariance`.
     pub fn new(body: Body, layout: Layout, sizes_covariance: &DMatrix<f64>, beginning: &Beginning) -> Self {
         let n = layout.n();
         let mut covariance = DMatrix::zeros(n, n);
@@ -207,7 +210,7 @@ impl BodyFilter {
         }
     }
 
-    /// Forgets what was learnt of a part's sizes: they are `sizes` again, and uncertain by `sigmas` [m].
+    /// Resets the sizes of a part to `sizes` with standard deviations `sigmas` [m].
     pub fn forget_sizes(&mut self, part: Part, sizes: &Vector3<f64>, sigmas: &Vector3<f64>) {
         self.body.sizes[part.index()] = *sizes;
         for axis in 0..3 {
@@ -218,17 +221,17 @@ impl BodyFilter {
         }
     }
 
-    /// Where the blocks of the state are.
+    /// Layout of the state's blocks.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// Of the whole state, in the order of the layout.
+    /// Covariance of the whole state, in the order of the layout.
     pub fn covariance(&self) -> &DMatrix<f64> {
         &self.covariance
     }
 
-    /// Takes parts into the model, or out of it: rows and columns of state and covariance come and go. `body` holds the turns of those that come.
+    /// Adds or removes parts: rows and columns of state and covariance follow. `body` has the turns of new ones.
     pub fn set_parts(&mut self, layout: Layout, body: &Body, beginning: &Beginning) {
         let before = std::mem::replace(&mut self.layout, layout);
         let old = std::mem::replace(&mut self.covariance, DMatrix::zeros(layout.n(), layout.n()));
@@ -273,7 +276,7 @@ impl BodyFilter {
         }
     }
 
-    /// Forgets how parts turn that were found elsewhere: they stand as in `body`, as uncertain as at the beginning.
+    /// Resets the turns of parts that were found elsewhere to those of `body`, with the covariance of a new state.
     pub fn replace(&mut self, parts: &[Part], body: &Body, beginning: &Beginning) {
         let before = self.layout;
         let with = Layout::of(|it| if parts.contains(&it) { Presence::Own } else { before.presence(it) });
@@ -282,7 +285,7 @@ impl BodyFilter {
         self.set_parts(with, body, beginning);
     }
 
-    /// Carries the state `dt_s` on [s] and gives F; nothing happens for a time that is not above 0.
+    /// Predicts the state `dt_s` ahead [s] and returns F; `None`, without effect, for a time that is not above 0.
     pub fn predict(&mut self, dt_s: f64, options: &MotionOptions) -> Option<DMatrix<f64>> {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return None;
@@ -342,11 +345,12 @@ impl BodyFilter {
         }
     }
 
-    /// Takes in what is measured: `measure` gives the normal equations at a body (first the predicted one, then each better one). `false`, and nothing
-    /// has changed, when the numbers do not allow a solution.
+    /// Updates with measurements: `measure` adds the normal equations at a body (first the predicted one, then each
+    /// better one). Returns `false`, without effect, when the equations have no solution.
     ///
-    /// Sizes take only a `share` of what the measurement says of them, from 0 to 1 (K. Brink, "Partial-update Schmidt–Kalman filter", Journal of Guidance, Control, and Dynamics 40(9), 2017, with
-    /// γ² = 1 − share): hulls err for as long as a pose lasts, so that what many frames say of a size is no more than what a few poses say.
+    /// Sizes take only a `share` of the measured correction, from 0 to 1 (K. Brink, "Partial-update Schmidt–Kalman
+    /// filter", Journal of Guidance, Control, and Dynamics 40(9), 2017, with γ² = 1 − share): errors of hulls persist
+    /// as long as a pose, so that many frames say no more of a size than a few poses.
     pub fn update(&mut self, iterations: usize, share: f64, mut measure: impl FnMut(&Body, &mut Normal)) -> bool {
         let layout = self.layout;
         let n = layout.n_static();
@@ -467,7 +471,7 @@ impl BodyFilter {
         (position, velocity, covariance)
     }
 
-    /// The same of a joint.
+    /// Position, velocity and their covariance of a joint [m, m/s].
     pub fn joint(&self, joint: Joint) -> (Point3<f64>, Vector3<f64>, Matrix6<f64>) {
         let (part, factors) = self.body.place_of(joint);
         let (position, velocity, mut covariance) = self.place(part, &factors);
@@ -478,7 +482,7 @@ impl BodyFilter {
         (position, velocity, covariance)
     }
 
-    /// Left becomes right, and front back: covariance and velocities go along.
+    /// Exchanges left and right, and front and back, in state, covariance and velocities.
     pub fn face_about(&mut self) {
         let about = Vector3::new(-1.0, -1.0, 1.0);
         let before = self.layout;

@@ -1,13 +1,17 @@
-//! What voxels say of a body: faces on the skin of parts, and parts that must lie inside.
+//! Measurements of a body by voxels: faces on the skin of parts, and axes of parts that must lie inside.
 //!
-//! 1. Each face of the voxels goes to the part with the least Mahalanobis distance [Mikić 2001 §4], for faces that look the way the skin there looks. A face that no part is near
-//!    explains nothing and is left out (shadows, ghost volumes, chairs).
-//! 2. Its distance from that part's skin is a residual, weighted down where it is large (D. Geman and D. McClure's function, (1 + r²/c²)⁻²), more so outside: a hull of few views bulges, but
+//! 1. Each face of the voxels is assigned to the part with the least Mahalanobis distance [Mikić 2001 §4], for faces
+//!    with about the normal of the skin there. A face without a part
+//!    nearby is left out (shadows, ghost volumes, chairs).
+//! 2. Its distance from that part's skin is a residual, weighted down where it is large (D. Geman and D. McClure's
+//!    function, (1 + r²/c²)⁻²), more so outside: a hull of few views bulges, but
 //!    never lies inside the true body.
-//! 3. The axis of each part must lie as deep inside the voxels as the part is thick. Where it does not, the missing depth is a residual too, along the gradient of the field of depths: this brings back
+//! 3. The axis of each part must lie as deep inside the voxels as the part is thick. Where it does not, the missing
+//!    depth is a residual too, along the gradient of the depths: this recovers
 //!    a part that has left the voxels altogether, which no face can do.
 //!
-//! Errors of a hull go together over a hand's width, so a face counts by its area beside [`FitOptions::patch`]²: voxels half as large do not make four times the knowledge.
+//! Errors of a hull are correlated over a hand's width, so a face counts by its area beside [`FitOptions::patch`]²:
+//! voxels half as large do not give four times the information.
 
 use nalgebra::{Point3, SMatrix, UnitQuaternion, Vector3};
 
@@ -19,26 +23,26 @@ use super::parts::{N_PARTS, Part};
 use super::proportions::{Limits, Proportions, STANDING_SPREAD, share};
 use super::solid::{skin, taper};
 
-/// How voxels are compared with a body.
+/// Options of the comparison of voxels with a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// Standard deviation of a face's distance from the skin beside that of its voxel's size [m]: hulls, clothes, bodies that are no cylinders.
+    /// Standard deviation of a face's distance from the skin, besides that of the voxel size [m]: hulls, clothes, bodies that are not cylinders.
     pub sigma: f64,
-    /// Errors of faces go together so far [m].
+    /// Correlation length of the errors of faces [m].
     pub patch: f64,
-    /// A face farther from all parts belongs to none [m].
+    /// Largest distance of a face from its part [m].
     pub gate: f64,
-    /// A face outside the skin counts half at this distance [m].
+    /// A face outside the skin gets half weight at this distance [m].
     pub soft_outside: f64,
-    /// A face inside the skin counts half at this distance [m].
+    /// A face inside the skin gets half weight at this distance [m].
     pub soft_inside: f64,
-    /// How much a face that looks the other way is farther, in squared standard deviations [–].
+    /// Penalty on a face with the opposite normal, in squared standard deviations [–].
     pub turned: f64,
     /// Standard deviation of the depth of an axis [m].
     pub depth_sigma: f64,
-    /// At most so many faces are used; of more every second, third, … is [–].
+    /// Most faces in use; of more, every second, third, … [–].
     pub most_faces: usize,
-    /// Times the equations are set up anew within an update [–].
+    /// Iterations within an update [–].
     pub iterations: usize,
 }
 
@@ -62,15 +66,15 @@ impl Default for FitOptions {
 /// How well the voxels support a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
-    /// Of each part, the share of its skin, as seen from all sides, that faces lie on [–].
+    /// By part: share of its skin, as seen from all sides, with faces on it [–].
     pub covered: [f64; N_PARTS],
-    /// Of each part, the share of its axis that lies inside the voxels [–].
+    /// By part: share of its axis inside the voxels [–].
     pub inside: [f64; N_PARTS],
-    /// The share of all faces that belong to no part [–].
+    /// Share of all faces that belong to no part [–].
     pub unexplained: f64,
-    /// Root mean square distance of faces from the skin that they belong to [m].
+    /// Root mean square distance of faces from their part's skin [m].
     pub rms: f64,
-    /// How badly body and voxels fit: the negative logarithm of a likelihood, up to a constant of the voxels [–].
+    /// Cost of the fit: the negative logarithm of a likelihood, up to a constant for the voxels [–].
     pub cost: f64,
 }
 
@@ -80,31 +84,31 @@ impl Default for Support {
     }
 }
 
-/// A place on a part that something else measured: a LED, a painted mark, a labelled point.
+/// A measured point on a part: an LED, a painted mark, a labelled point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labelled {
-    /// On which part.
+    /// The part.
     pub part: Part,
-    /// Where there, as factors of the part's sizes [–].
+    /// Position on it, as factors of the part's sizes [–].
     pub factors: Vector3<f64>,
-    /// Where it was seen [m].
+    /// Measured position [m].
     pub position: Point3<f64>,
-    /// Standard deviation, with that of where it sits on the body [m].
+    /// Standard deviation, including that of its position on the body [m].
     pub sigma: f64,
 }
 
-/// Fits bodies to one field of voxels.
+/// Compares bodies with one field of voxels.
 pub struct Fit<'a> {
     field: &'a VoxelField,
     options: &'a FitOptions,
     step: usize,
-    /// Area that a used face stands for [m²].
+    /// Area that a used face represents [m²].
     area: f64,
-    /// Which part each used face belongs to; `None`: none.
+    /// By used face: the part that it belongs to, or `None`.
     pub owners: Vec<Option<Part>>,
     /// Inverse squared deviations of the parts as predicted.
     scales: [f64; N_PARTS],
-    /// As of the last equations.
+    /// Support by the voxels at the last equations.
     pub support: Support,
 }
 
@@ -137,7 +141,7 @@ fn placed(body: &Body, layout: &Layout) -> Vec<Placed> {
 }
 
 impl<'a> Fit<'a> {
-    /// For the field of a moment. `predicted`: how uncertain each part is beforehand decides to which one a face belongs.
+    /// For the voxels of one frame. `predicted`: the prior covariance of each part decides to which part a face is assigned.
     pub fn new(field: &'a VoxelField, options: &'a FitOptions, predicted: Option<&BodyFilter>) -> Self {
         let step = field.faces().len().div_ceil(options.most_faces.max(1)).max(1);
         let mut fit = Self {
@@ -295,28 +299,28 @@ fn row(at: &Placed, found: &super::solid::Skin, point: &Vector3<f64>) -> Vector9
     row
 }
 
-/// The skins of a body's parts, to ask for distances.
+/// The skins of a body's parts, for distance queries.
 pub struct Skins(Vec<Placed>);
 
 impl Skins {
-    /// Of the parts in the model.
+    /// The skins of the parts in the model.
     pub fn of(body: &Body, layout: &Layout) -> Self {
         Self(placed(body, layout))
     }
 
-    /// Of one part alone.
+    /// The skin of one part alone.
     pub fn only(mut self, part: Part) -> Self {
         self.0.retain(|it| it.part == part);
         self
     }
 
-    /// The same without these parts.
+    /// All but these skins.
     pub fn without(mut self, parts: &[Part]) -> Self {
         self.0.retain(|it| !parts.contains(&it.part));
         self
     }
 
-    /// From the nearest of them, below 0 inside [m].
+    /// Signed distance from the nearest skin, below 0 inside [m].
     pub fn distance(&self, place: &Point3<f64>) -> f64 {
         let mut nearest = f64::INFINITY;
         for at in &self.0 {
@@ -341,7 +345,7 @@ fn skin_area(part: Part, sizes: &Vector3<f64>) -> f64 {
     }
 }
 
-/// Adds labelled points.
+/// Adds the equations of labelled points.
 pub fn add_labelled(body: &Body, normal: &mut Normal, layout: &Layout, labelled: &[Labelled]) {
     for point in labelled.iter().filter(|it| layout.has(it.part)) {
         let r = body.turn(point.part).to_rotation_matrix();
@@ -359,7 +363,7 @@ pub fn add_labelled(body: &Body, normal: &mut Normal, layout: &Layout, labelled:
     }
 }
 
-/// Adds a row for each joint that is bent farther than it can be.
+/// Adds a row for each joint bent beyond its limit.
 pub fn add_limits(body: &Body, normal: &mut Normal, layout: &Layout, limits: &Limits, facing_known: f64) {
     let weight = limits.sigma.powi(-2);
     let z = Vector3::z();
@@ -399,7 +403,8 @@ pub fn add_limits(body: &Body, normal: &mut Normal, layout: &Layout, limits: &Li
     }
 }
 
-/// Adds a row for each length that is farther from what the stature lets expect than nearly all people's are: hulls in which parts lie together (somebody who sits) would let bodies shrink without end.
+/// Adds a row for each length that differs from the expectation for the stature by more than nearly all people's do:
+/// hulls in which parts merge (sitting people) would let bodies shrink without end.
 pub fn add_size_limits(body: &Body, normal: &mut Normal, layout: &Layout, proportions: &Proportions) {
     let spread = SIZE_SIGMAS * proportions.stature_spread.hypot(proportions.length_spread);
     for (part, expected) in Part::ALL.into_iter().zip(proportions.sizes()) {
@@ -411,8 +416,9 @@ pub fn add_size_limits(body: &Body, normal: &mut Normal, layout: &Layout, propor
     }
 }
 
-/// Of somebody who stands, adds a row where the trunk's length is another part of trunk and legs together than nearly all people's is: legs do not part in skirts and coats before the hem, and trunks would go on to there. Of whose legs do not show
-/// at all, who stands and is so tall, the trunk is no farther from what this `stature` lets expect [m] than of two people in three.
+/// For a standing person, adds a row where the trunk's share of trunk and legs differs from nearly all people's: in
+/// skirts and coats, legs do not part above the hem, and trunks would extend to there. For a standing person whose
+/// legs do not show at all, the trunk is held within what this `stature` [m] gives for two people in three.
 pub fn add_hip_limit(body: &Body, normal: &mut Normal, layout: &Layout, stature: Option<f64>) {
     const LEGS: [Part; 4] = [Part::LeftThigh, Part::RightThigh, Part::LeftCalf, Part::RightCalf];
     let both = |of: &dyn Fn(Part) -> f64| LEGS.into_iter().map(of).sum::<f64>() / 2.0;

@@ -1,18 +1,18 @@
-//! Which parts a filter has, and where the blocks of its state begin.
+//! Layout of a filter's state: its parts, and where their blocks begin.
 
 use super::parts::{N_PARTS, Part};
 
 /// Numbers that are the sizes of all parts.
 pub(super) const N_SIZES: usize = 3 * N_PARTS;
 
-/// How a part takes part.
+/// Presence of a part in the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Presence {
-    /// It is not in the model.
+    /// The part is not in the model.
     Absent,
-    /// It goes on as its parent does: the lower part of a limb that was never seen bent.
+    /// The part is rigid with its parent: the lower part of a limb that was never seen bent.
     Tied,
-    /// It turns by itself.
+    /// The part turns by itself.
     Own,
 }
 
@@ -25,12 +25,12 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// With all parts for which `has`, each turning by itself.
+    /// A layout with all parts for which `has`, each turning by itself.
     pub fn new(has: impl Fn(Part) -> bool) -> Self {
         Self::of(|it| if has(it) { Presence::Own } else { Presence::Absent })
     }
 
-    /// With parts as `presence` says. A part whose parent is not there cannot be tied to it, and is absent.
+    /// A layout with parts as `presence` says. A part whose parent is absent cannot be tied to it, and is absent.
     pub fn of(presence: impl Fn(Part) -> Presence) -> Self {
         let mut layout = Layout { slots: [None; N_PARTS], tied: [false; N_PARTS], n_parts: 0 };
         for part in Part::ALL {
@@ -49,7 +49,7 @@ impl Layout {
         layout
     }
 
-    /// How a part takes part.
+    /// Presence of a part.
     pub fn presence(&self, part: Part) -> Presence {
         match (self.has(part), self.tied[part.index()]) {
             (false, _) => Presence::Absent,
@@ -76,17 +76,17 @@ impl Layout {
         self.slots[part.index()].map(usize::from)
     }
 
-    /// Where a part's turn begins.
+    /// First index of a part's turn; `None` without one.
     pub fn turn(&self, part: Part) -> Option<usize> {
         self.slot(part).map(|it| 3 + 3 * it)
     }
 
-    /// Where its sizes begin.
+    /// First index of a part's sizes.
     pub fn size(&self, part: Part) -> usize {
         3 + 3 * self.n_parts + 3 * part.index()
     }
 
-    /// Place, turns and sizes.
+    /// Number of entries for place, turns and sizes.
     pub fn n_static(&self) -> usize {
         3 + 3 * self.n_parts + N_SIZES
     }
@@ -99,7 +99,7 @@ impl Layout {
         self.slot(part).map(|it| self.n_static() + 3 + 3 * it)
     }
 
-    /// All numbers.
+    /// Number of all entries.
     pub fn n(&self) -> usize {
         self.n_static() + 3 + 3 * self.n_parts
     }

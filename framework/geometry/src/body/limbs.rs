@@ -1,8 +1,10 @@
-//! Arms and legs in voxels [Mikić 2001 §3]: from the joint at the torso templates grow into what neither head nor torso takes.
+//! Arms and legs in voxels [Mikić 2001 §3]: templates grown from the joint at the torso into voxels that neither head nor torso takes.
 //!
-//! The paper takes the four largest connected regions of the remaining voxels as limbs. Hulls join what touches (a hand on a hip, two legs), so here a template of two parts
-//! is laid from the joint into the remaining voxels in all directions that a limb can have; what counts is how deep its axis lies in *free* voxels, and how many of these it takes up. A template
-//! that sticks out, or that takes voxels of others, loses; without free voxels that hang together with the joint there is no limb, and it is tried again in a later frame.
+//! The paper takes the four largest connected regions of the remaining voxels as limbs. Hulls join what touches (a
+//! hand on a hip, two legs), so here a template of two parts is laid from the joint into the remaining voxels in all
+//! directions that a limb can have; it is scored by how deep its axis lies in *free* voxels, and how many of these it
+//! takes up. A template that sticks out, or that takes voxels of others, loses; without free voxels connected to the
+//! joint no limb is found, and it is tried again in a later frame.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -12,14 +14,14 @@ use super::model::Body;
 use super::parts::{Limb, Part};
 use super::solid::skin;
 
-/// What is wanted of a limb.
+/// Options of the search for limbs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LimbOptions {
     /// Least share of its axis that lies in free voxels [–].
     pub least_inside: f64,
     /// Least share of its volume that free voxels fill [–].
     pub least_filled: f64,
-    /// A limb that bends less is seen as one part [rad].
+    /// A limb that bends less is taken as one straight part [rad].
     pub straight: f64,
 }
 
@@ -30,21 +32,21 @@ impl Default for LimbOptions {
     }
 }
 
-/// Who has each cell of a field.
+/// Which cells of a field belong to a part.
 #[derive(Debug, Clone)]
 pub struct Taken {
     cells: Vec<bool>,
 }
 
 impl Taken {
-    /// All voxels that lie within or near the skin of the parts for which `is_taken`, or hang on no free voxel chain with others.
+    /// Marks all voxels within or near the skin of the parts for which `is_taken`, and those connected only to them.
     pub fn by(field: &VoxelField, body: &Body, is_taken: impl Fn(Part) -> bool, near: f64) -> Self {
         let mut taken = Taken { cells: vec![false; field.n_cells()] };
         taken.add(field, body, is_taken, near);
         taken
     }
 
-    /// Takes more.
+    /// Marks more voxels as taken.
     pub fn add(&mut self, field: &VoxelField, body: &Body, is_taken: impl Fn(Part) -> bool, near: f64) {
         let centres = body.centres();
         for part in Part::ALL.into_iter().filter(|it| is_taken(*it)) {
@@ -59,21 +61,21 @@ impl Taken {
         }
     }
 
-    /// Whether a voxel is still to be had.
+    /// Whether a voxel is free.
     pub fn is_free(&self, field: &VoxelField, cell: u32) -> bool {
         field.holds(cell) && !self.cells[cell as usize]
     }
 
-    /// How many voxels are free.
+    /// Number of free voxels.
     pub fn n_free(&self, field: &VoxelField) -> usize {
         field.voxels().iter().filter(|&&it| !self.cells[it as usize]).count()
     }
 }
 
-/// A limb in the voxels.
+/// A limb found in the voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LimbFound {
-    /// Which.
+    /// Which limb.
     pub limb: Limb,
     /// Turns of its upper and its lower part.
     pub turns: [UnitQuaternion<f64>; 2],
@@ -81,9 +83,9 @@ pub struct LimbFound {
     pub inside: f64,
     /// Share of its volume that free voxels fill [–].
     pub filled: f64,
-    /// How far it is bent [rad].
+    /// Bend of the limb [rad].
     pub bend: f64,
-    /// What it is chosen by [–].
+    /// Score of the template [–].
     pub score: f64,
 }
 
@@ -102,7 +104,7 @@ struct Search<'a> {
     free: Vec<Point3<f64>>,
 }
 
-/// The best template of a limb on a body; `None` where none is good enough.
+/// Finds the best template of a limb on a body; `None` where none is good enough.
 pub fn find_limb(
     field: &VoxelField,
     body: &Body,

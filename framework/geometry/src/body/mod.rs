@@ -1,4 +1,4 @@
-//! Articulated bodies in voxels [Mikić 2001]: a model of ten parts that is found, fitted and followed.
+//! Articulated bodies in voxels [Mikić 2001]: a model of ten parts that is detected, fitted and tracked.
 //!
 //! I. Mikić, M. Trivedi, E. Hunter, P. Cosman, "Articulated body posture estimation from multi-camera voxel data", CVPR 2001.
 //!
@@ -6,16 +6,16 @@
 //! |---|---|
 //! | `parts` | ten parts, four limbs, fourteen joints |
 //! | [`model`] | [`Body`]: state, kinematic chain (3) and its derivatives |
-//! | [`proportions`] | what people look like and how far joints bend |
-//! | `solid` | how far a point is from the skin of a part |
+//! | [`proportions`] | proportions of people and limits of joints |
+//! | `solid` | distance of a point from the skin of a part |
 //! | [`field`] | [`VoxelField`]: faces and depths of voxels |
-//! | [`acquire`] | head, neck and torso in voxels of which nothing is known (§3) |
-//! | [`limbs`] | arms and legs there |
-//! | [`fit`] | what voxels say of a body |
+//! | [`acquire`] | head, neck and torso in voxels without a prior (§3) |
+//! | [`limbs`] | arms and legs in them |
+//! | [`fit`] | measurements of a body by voxels |
 //! | [`filter`] | [`BodyFilter`]: the extended Kalman filter (§4) |
-//! | `layout`, `smooth` | where its blocks begin; a smoother |
-//! | `facing` | which way a body looks |
-//! | [`people`] | [`People`]: several of them, and who has which voxels |
+//! | `layout`, `smooth` | layout of the filter's state; a smoother |
+//! | `facing` | the facing direction of a body |
+//! | [`people`] | [`People`]: several bodies, and the assignment of voxels to them |
 //! | [`tracker`] | [`BodyTracker`]: one body through all frames, with the levels of §6 |
 
 pub mod acquire;
@@ -44,6 +44,6 @@ pub use fit::{Labelled, Support};
 pub use layout::{Layout, Presence};
 pub use model::Body;
 pub use parts::{ANKLE_DOWN, HIP_OUT, Joint, Limb, N_JOINTS, N_PARTS, Part, SHOULDER_UP, WRIST_DOWN};
-pub use people::{Cubes, Followed, People, PeopleOptions};
+pub use people::{Cubes, People, PeopleOptions, TrackedBody};
 pub use smooth::smooth;
 pub use tracker::{BodyTracker, JointEstimate, JointSource, LimbLevel, TrackerOptions};

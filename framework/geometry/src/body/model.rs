@@ -1,12 +1,12 @@
-//! A body of ten parts: where its parts and joints are, and how that changes with its state.
+//! A body of ten parts: positions of its parts and joints, and their derivatives by its state.
 //!
-//! [Mikić 2001 §4]: the state is the place of the torso, and of each part its turn and its sizes; all else follows along the kinematic chain (3).
+//! [Mikić 2001 §4]: the state is the position of the torso, and of each part its turn and its sizes; all else follows along the kinematic chain (3).
 //!
 //! | here | paper | meaning | unit |
 //! |---|---|---|---|
 //! | [`Body::torso`] | μ₀ | middle of the torso | m |
-//! | [`Body::turns`] | qᵢ, Rᵢ | takes the part's axes to the world's | – |
-//! | [`Body::sizes`] | lᵢ | half of what a part measures along its axes | m |
+//! | [`Body::turns`] | qᵢ, Rᵢ | maps the part's axes to the world's | – |
+//! | [`Body::sizes`] | lᵢ | half the extent of a part along its axes | m |
 //! | `Part::hangs_at`, `Part::held_at` | J₀₂, J₂₀ … | joints in a part's axes: diag(·) lᵢ, linear in the sizes | – |
 //!
 //! With these, (3) is a sum over the parts from the torso on: μᵢ = μ₀ + Σₐ Rₐ diag(kₐ) lₐ. So for R ⊕ δ = R exp(δ): ∂μᵢ/∂δₐ = −Rₐ [diag(kₐ) lₐ]×,
@@ -16,18 +16,18 @@ use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
 use super::parts::{Joint, N_PARTS, Part};
 
-/// A body at one moment.
+/// A body's posture and sizes at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// Middle of the torso [m].
+    /// Centre of the torso [m].
     pub torso: Point3<f64>,
-    /// `world_from_part`.
+    /// Orientation of each part, `world_from_part`.
     pub turns: [UnitQuaternion<f64>; N_PARTS],
-    /// Half lengths along x, y, z of each part [m].
+    /// Half sizes along x, y, z of each part [m].
     pub sizes: [Vector3<f64>; N_PARTS],
 }
 
-/// From the torso to a part: whose sizes enter its middle, and by which factors; at most three.
+/// The kinematic chain from the torso to a part: which sizes enter its centre, with which factors; at most three parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chain {
     links: [(Part, Vector3<f64>); 3],
@@ -35,7 +35,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Up to the middle of `part`.
+    /// The chain to the centre of `part`.
     pub fn to(part: Part) -> Self {
         let none = (Part::Torso, Vector3::zeros());
         match part.parent() {
@@ -50,29 +50,29 @@ impl Chain {
         }
     }
 
-    /// The parts and their factors.
+    /// The parts of the chain with their factors.
     pub fn links(&self) -> &[(Part, Vector3<f64>)] {
         &self.links[..self.count]
     }
 }
 
-/// [v]×: cross(a) b = a × b.
+/// The matrix [v]×: cross(a) b = a × b.
 pub fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
 impl Body {
-    /// Turn of a part.
+    /// Orientation of a part.
     pub fn turn(&self, part: Part) -> &UnitQuaternion<f64> {
         &self.turns[part.index()]
     }
 
-    /// Sizes of a part [m].
+    /// Half sizes of a part [m].
     pub fn size(&self, part: Part) -> &Vector3<f64> {
         &self.sizes[part.index()]
     }
 
-    /// Equation (3): the middle of a part [m].
+    /// Equation (3): the centre of a part [m].
     pub fn centre(&self, part: Part) -> Point3<f64> {
         let reach = |(part, factors): &(Part, Vector3<f64>)| {
             self.turns[part.index()] * factors.component_mul(&self.sizes[part.index()])
@@ -80,7 +80,7 @@ impl Body {
         self.torso + Chain::to(part).links().iter().map(reach).sum::<Vector3<f64>>()
     }
 
-    /// All middles at once.
+    /// The centres of all parts [m].
     pub fn centres(&self) -> [Point3<f64>; N_PARTS] {
         let mut centres = [self.torso; N_PARTS];
         for part in Part::ALL {
@@ -94,21 +94,23 @@ impl Body {
         centres
     }
 
-    /// A place on a part, given as factors of its sizes [m].
+    /// Position on a part, given as factors of its sizes [m].
     pub fn place(&self, part: Part, factors: &Vector3<f64>) -> Point3<f64> {
         self.centre(part) + self.turn(part) * factors.component_mul(self.size(part))
     }
 
-    /// Where a joint is [m].
+    /// Position of a joint [m].
     pub fn joint(&self, joint: Joint) -> Point3<f64> {
         let (part, factors) = self.place_of(joint);
         self.place(part, &factors)
     }
 
-    /// The part that a joint is told by and its place there, as factors of that part's sizes. [`Joint::place`], but for the neck: where the head hangs on the chain lies on the torso's axis, and
-    /// heads are held before it by more or less, which turns the head's part without turning the head. People hold their heads level, whatever the trunk does (T. Pozzo, A. Berthoz, L. Lefort,
-    /// "Head stabilization during various locomotor tasks in humans", Experimental Brain Research 82, 1990), so the neck is the pole of the head below its middle; the more a trunk lies, the
-    /// more it is the pole along the trunk.
+    /// The part that carries a joint, and the joint's position there as factors of that part's sizes:
+    /// [`Joint::place`], except for the neck. On the chain the head hangs on the torso's axis, and heads are held in
+    /// front of it by more or less, which turns the head's part without turning the head. People hold their heads
+    /// level, whatever the trunk does (T. Pozzo, A. Berthoz, L. Lefort, "Head stabilization during various locomotor
+    /// tasks in humans", Experimental Brain Research 82, 1990), so the neck is the pole of the head below its middle;
+    /// the more a trunk lies, the more it is the pole along the trunk.
     pub fn place_of(&self, joint: Joint) -> (Part, Vector3<f64>) {
         if joint != Joint::Neck {
             return joint.place();
@@ -121,12 +123,12 @@ impl Body {
         (Part::Head, (self.turn(Part::Head).inverse() * (down * size.z)).component_div(size))
     }
 
-    /// Where a part's joint to its parent is [m].
+    /// Position of a part's joint to its parent [m].
     pub fn held(&self, part: Part) -> Point3<f64> {
         self.place(part, &part.held_at())
     }
 
-    /// The same body with left and right exchanged, looking the other way: as the voxels see it, nothing has changed but the names.
+    /// The same body with left and right exchanged, facing the other way: voxels look the same, only the names change.
     pub fn faced_about(&self) -> Body {
         let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
         let mut body = self.clone();

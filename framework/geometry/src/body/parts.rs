@@ -1,50 +1,52 @@
-//! The ten parts, what hangs on what, and the joints that a body has.
+//! The ten parts, their tree, and the joints that are reported.
 
 use nalgebra::Vector3;
 
-/// How many parts a body has.
+/// Number of parts of a body.
 pub const N_PARTS: usize = 10;
-/// How many joints are told of a body.
+/// Number of reported joints.
 pub const N_JOINTS: usize = 14;
 
-/// Where the shoulders are between the middle of the torso and the neck, d_s of Figure 5 [–]. Shoulders at 0.818, chin at 0.870 and hips at 0.530 of the stature
+/// Position of the shoulders between the middle of the torso and the neck, d_s of Figure 5 [–]. Shoulders at 0.818,
+/// chin at 0.870 and hips at 0.530 of the stature
 /// (D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 2009, figure 4.1): (0.818 − 0.700)/0.170.
 pub const SHOULDER_UP: f64 = 0.694;
-/// Of the hips from the middle, as a share of that of the shoulders, d_H of Figure 5 [–]: hip joints are 0.104 of the stature apart, shoulder joints 0.21 (as above: 0.191 and
-/// 0.259 over the skin, of which the joints lie inside).
+/// Distance of the hips from the middle relative to that of the shoulders, d_H of Figure 5 [–]: hip joints are 0.104
+/// of the stature apart, shoulder joints 0.21 (as above: 0.191 and
+/// 0.259 over the skin; the joints lie inside).
 pub const HIP_OUT: f64 = 0.5;
-/// The wrist on the lower arm with its hand, from the elbow [–]: 0.146 of 0.146 + 0.074 (as above; a hand that is half closed).
+/// Position of the wrist on the lower arm with its hand, from the elbow [–]: 0.146 of 0.146 + 0.074 (as above; a half closed hand).
 pub const WRIST_DOWN: f64 = 0.664;
-/// The ankle on the calf with the height of the foot, from the knee [–]: 0.246 of 0.285 (as above).
+/// Position of the ankle on the calf with the height of the foot, from the knee [–]: 0.246 of 0.285 (as above).
 pub const ANKLE_DOWN: f64 = 0.863;
 
 /// One of ten parts. Its axes: z of the torso to the neck, y to the left, x to the front; z of the head away from the neck; z of a limb towards the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
-    /// 0 in the paper; an elliptic cylinder, and the neck.
+    /// Torso with the neck, an elliptic cylinder; 0 in the paper.
     Torso,
-    /// 1; an ellipsoid.
+    /// Head, an ellipsoid; 1 in the paper.
     Head,
-    /// 2a; a cylinder, as all that follow.
+    /// Left upper arm, a cylinder as all limbs; 2a in the paper.
     LeftUpperArm,
-    /// 2b
+    /// Right upper arm, 2b in the paper.
     RightUpperArm,
-    /// 3a
+    /// Left thigh, 3a in the paper.
     LeftThigh,
-    /// 3b
+    /// Right thigh, 3b in the paper.
     RightThigh,
-    /// 4a; with the hand.
+    /// Left lower arm with the hand, 4a in the paper.
     LeftLowerArm,
-    /// 4b
+    /// Right lower arm with the hand, 4b in the paper.
     RightLowerArm,
-    /// 5a; down to the sole.
+    /// Left calf down to the sole, 5a in the paper.
     LeftCalf,
-    /// 5b
+    /// Right calf down to the sole, 5b in the paper.
     RightCalf,
 }
 
 impl Part {
-    /// All, parents before children.
+    /// All parts, parents before children.
     pub const ALL: [Part; N_PARTS] = [
         Part::Torso,
         Part::Head,
@@ -58,12 +60,12 @@ impl Part {
         Part::RightCalf,
     ];
 
-    /// Its place in [`Part::ALL`].
+    /// Index in [`Part::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// As it stands in files.
+    /// Name in files.
     pub const fn name(self) -> &'static str {
         match self {
             Part::Torso => "torso",
@@ -79,7 +81,7 @@ impl Part {
         }
     }
 
-    /// What it hangs on.
+    /// The parent part; `None` for the torso.
     pub const fn parent(self) -> Option<Part> {
         match self {
             Part::Torso => None,
@@ -93,7 +95,7 @@ impl Part {
         }
     }
 
-    /// The same part of the other side; torso and head are their own.
+    /// The same part on the other side; torso and head map to themselves.
     pub const fn mirrored(self) -> Part {
         match self {
             Part::Torso => Part::Torso,
@@ -114,7 +116,7 @@ impl Part {
         !matches!(self, Part::Torso | Part::Head)
     }
 
-    /// Where it hangs on its parent: J of Figure 5 is this, number by number times the parent's sizes. The torso hangs on nothing.
+    /// Position of its joint on the parent: J of Figure 5 is this, component by component times the parent's sizes. Zero for the torso.
     pub fn hangs_at(self) -> Vector3<f64> {
         match self {
             Part::Torso => Vector3::zeros(),
@@ -127,7 +129,7 @@ impl Part {
         }
     }
 
-    /// Where its parent hangs on it, in the same way.
+    /// Position of the same joint on the part itself, likewise.
     pub fn held_at(self) -> Vector3<f64> {
         match self {
             Part::Torso => Vector3::zeros(),
@@ -137,29 +139,29 @@ impl Part {
     }
 }
 
-/// One of four limbs.
+/// A limb of two parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Limb {
-    /// –
+    /// Left arm.
     LeftArm,
-    /// –
+    /// Right arm.
     RightArm,
-    /// –
+    /// Left leg.
     LeftLeg,
-    /// –
+    /// Right leg.
     RightLeg,
 }
 
 impl Limb {
-    /// All.
+    /// All limbs.
     pub const ALL: [Limb; 4] = [Limb::LeftArm, Limb::RightArm, Limb::LeftLeg, Limb::RightLeg];
 
-    /// Its place in [`Limb::ALL`].
+    /// Index in [`Limb::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// As it stands in files.
+    /// Name in files.
     pub const fn name(self) -> &'static str {
         match self {
             Limb::LeftArm => "left arm",
@@ -179,7 +181,7 @@ impl Limb {
         }
     }
 
-    /// The same of the other side.
+    /// The same limb on the other side.
     pub const fn mirrored(self) -> Limb {
         match self {
             Limb::LeftArm => Limb::RightArm,
@@ -195,41 +197,41 @@ impl Limb {
     }
 }
 
-/// A place of the body that is told.
+/// A reported joint of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Joint {
-    /// The middle of the head.
+    /// Centre of the head.
     Head,
-    /// Where head and torso meet: below the head.
+    /// Between head and torso, below the head.
     Neck,
-    /// –
+    /// Left shoulder.
     LeftShoulder,
-    /// –
+    /// Right shoulder.
     RightShoulder,
-    /// –
+    /// Left elbow.
     LeftElbow,
-    /// –
+    /// Right elbow.
     RightElbow,
-    /// –
+    /// Left wrist.
     LeftWrist,
-    /// –
+    /// Right wrist.
     RightWrist,
-    /// –
+    /// Left hip.
     LeftHip,
-    /// –
+    /// Right hip.
     RightHip,
-    /// –
+    /// Left knee.
     LeftKnee,
-    /// –
+    /// Right knee.
     RightKnee,
-    /// –
+    /// Left ankle.
     LeftAnkle,
-    /// –
+    /// Right ankle.
     RightAnkle,
 }
 
 impl Joint {
-    /// All.
+    /// All joints.
     pub const ALL: [Joint; N_JOINTS] = [
         Joint::Head,
         Joint::Neck,
@@ -247,7 +249,7 @@ impl Joint {
         Joint::RightAnkle,
     ];
 
-    /// As it stands in files.
+    /// Name in files.
     pub const fn name(self) -> &'static str {
         match self {
             Joint::Head => "head",
@@ -267,7 +269,9 @@ impl Joint {
         }
     }
 
-    /// The part that it is told by and its place there, number by number times that part's sizes; of the neck where it is on the chain, see [`super::Body::place_of`]. Where two parts meet the one nearer to the torso tells.
+    /// The part that carries the joint, and the joint's position there, component by component times that part's
+    /// sizes; for the neck its position on the chain, see [`super::Body::place_of`]. Where two parts meet, it is the
+    /// one nearer to the torso.
     pub fn place(self) -> (Part, Vector3<f64>) {
         let on = |part: Part| (Part::parent(part).unwrap_or(part), part.hangs_at());
         let down = |part: Part, share: f64| (part, Vector3::new(0.0, 0.0, 1.0 - 2.0 * share));
@@ -289,7 +293,7 @@ impl Joint {
         }
     }
 
-    /// The limb that must be in the model for it to be told; `None`: head and trunk do.
+    /// The limb that must be in the model for the joint to be reported; `None`: head and trunk suffice.
     pub const fn limb(self) -> Option<Limb> {
         match self {
             Joint::LeftElbow | Joint::LeftWrist => Some(Limb::LeftArm),

@@ -1,9 +1,12 @@
-//! Several bodies in one volume: a tracker each, and who has which voxels.
+//! Several bodies in one volume: a tracker each, and the assignment of voxels to them.
 //!
-//! A component of voxels that one body alone is near is that body's, however its limbs have moved in between; where two are near (they touch), each voxel goes to the nearer skin.
-//! Silhouettes that lose a strip across a knee cut a body into several components: a component too small for a body goes with what lies beside it ([`PeopleOptions::gap`]).
-//! What is near no body may be a new one, and is tried until it is found or named, ever more seldom where it stays as it is: nothing is made of voxels in which no head and no torso are found. Where a component holds much that its
-//! body does not explain, the rest is tried too: somebody who came in close to somebody else. A trunk without limbs that lies at somebody's feet is soon nobody: silhouettes that hold a shadow make such hulls.
+//! A component of voxels near one body alone is that body's, however its limbs have moved in between; where two bodies
+//! are near (they touch), each voxel goes to the nearer skin. Silhouettes that lose a strip across a knee cut a body
+//! into several components: a component too small for a body is joined to what lies beside it
+//! ([`PeopleOptions::gap`]). Voxels near no body may be a new one, and acquisition is tried until it succeeds, less
+//! and less often where they do not change: no body is made of voxels without a head and a torso. Where a component
+//! holds much that its body does not explain, the rest is tried too: a person who came in close to another. A trunk
+//! without limbs at another person's feet is soon removed: silhouettes with a shadow make such hulls.
 
 use std::collections::BTreeSet;
 
@@ -22,34 +25,34 @@ mod tests;
 mod touching;
 mod vain;
 
-/// How bodies are told apart.
+/// Options of tracking several bodies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PeopleOptions {
-    /// Each body's tracker.
+    /// Options of each body's tracker.
     pub tracker: TrackerOptions,
-    /// Voxels farther from a body's skin are not its own, unless they hang together with it alone [m].
+    /// Voxels farther from a body's skin are not its own, unless they are connected to it alone [m].
     pub near: f64,
-    /// No more bodies are followed [–].
+    /// Most bodies that are tracked [–].
     pub most: usize,
     /// Heads nearer to each other than this are one head [m].
     pub heads_apart: f64,
-    /// Components across a gap of about this belong together unless both are as large as a body [m].
+    /// Components across a gap of about this are joined unless both are as large as a body [m].
     pub gap: f64,
 }
 
-/// One body leaves so much more of the skin to nobody than several do, where there are several [–]: laid across two who touch, one leaves 0.11 and more; a raised arm, with half of the body that it is
+/// A single body leaves so much more of the skin unexplained than several do, where there are several [–]: laid across two who touch, one leaves 0.11 and more; a raised arm, with half of the body that it is
 /// on, makes two bodies that leave hardly less than the one.
 const FEWER: f64 = 0.06;
 
 /// Trunks whose middles are nearer to each other, seen from above, may be two halves of one [m].
 const HALVES: f64 = 0.5;
 
-/// What reaches the volume's top and is as thick as a neck may be somebody's head or neck [m, half as thick], unless that head is so near to the top [m] or so far aside, seen from above [m].
+/// Voxels that reach the volume's top and are as thick as a neck may be a person's head or neck [m, half as thick], unless that head is so near to the top [m] or so far aside, seen from above [m].
 const NECK: f64 = 0.04;
 const HEAD_AT_TOP: f64 = 0.16;
 const HEAD_ASIDE: f64 = 0.30;
 
-/// Somebody new beside somebody else has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
+/// A new person beside another has the head so far above the lowest voxel, as a share of the expected stature, and the torso upright: crouching and stooping are allowed.
 const BESIDE_HEAD: f64 = 0.5;
 
 impl Default for PeopleOptions {
@@ -59,18 +62,18 @@ impl Default for PeopleOptions {
     }
 }
 
-/// Voxels of one moment.
+/// Voxels of one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Cubes<'a> {
-    /// Edge [m].
+    /// Edge of a voxel [m].
     pub size: f64,
-    /// The corner of cube (0, 0, 0) that is least in x, y, z [m].
+    /// Corner of voxel (0, 0, 0) with the least x, y, z [m].
     pub origin: Point3<f64>,
-    /// Cubes of the grid along x, y, z: bodies go on beyond its ends, see [`VoxelField::new`].
+    /// Size of the grid along x, y, z; bodies may continue beyond its ends, see [`VoxelField::new`].
     pub cells: [u32; 3],
-    /// Places in the grid.
+    /// Indices of the voxels in the grid.
     pub indices: &'a [[u16; 3]],
-    /// Which of the components each belongs to.
+    /// Connected component of each voxel.
     pub components: &'a [u16],
 }
 
@@ -80,44 +83,44 @@ impl Cubes<'_> {
     }
 }
 
-/// Voxels that could be a body by their size and are none.
+/// Voxels that are large enough for a body, but are not modelled as one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unmodelled {
     /// Mean of their centres [m].
     pub centroid: Point3<f64>,
-    /// [m³]
+    /// Volume [m³].
     pub volume: f64,
-    /// What failed.
+    /// Why acquisition failed.
     pub reason: AcquisitionFailure,
 }
 
-/// One of the bodies.
+/// A tracked body.
 #[derive(Debug, Clone)]
-pub struct Followed {
-    /// Who: counts up, and is not given out again.
+pub struct TrackedBody {
+    /// Identity: counts up, and is never reused.
     pub id: u32,
     /// Its tracker.
     pub tracker: BodyTracker,
-    /// How long it is followed [s].
+    /// Time since track initiation [s].
     pub age_s: f64,
-    /// Whether voxels were its own in this frame.
+    /// Whether it had voxels in this frame.
     pub is_seen: bool,
-    /// Whether its voxels hang together with those of another body.
+    /// Whether its voxels are connected to those of another body.
     pub is_touching: bool,
-    /// How long it was a trunk without limbs that lies at somebody else's [s].
+    /// Time for which it was a trunk without limbs lying at another person's feet [s].
     pub doubt_s: f64,
-    /// Frames since it was found in voxels that hang together with another body's, and as long as it was not seen apart from that: it may be half of it.
+    /// Frames since it was acquired in voxels connected to another body's, until it is seen apart: it may be half of that body.
     pub half: Option<u64>,
 }
 
-/// What happened since the start.
+/// Counts of events since the start.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Times that somebody was found.
+    /// Bodies acquired.
     pub found: u64,
-    /// Times that somebody was lost, or was found to be half of somebody.
+    /// Bodies lost, or found to be half of another.
     pub lost: u64,
-    /// Times that voxels as large as a body were tried in vain.
+    /// Failed acquisitions in voxels as large as a body.
     pub failed: u64,
 }
 
@@ -125,9 +128,9 @@ pub struct Counts {
 struct Shares {
     /// By body.
     owners: Vec<Vec<usize>>,
-    /// By body: whether it has voxels that hang together with those of another.
+    /// By body: whether it has voxels connected to those of another.
     is_shared: Vec<bool>,
-    /// Components of which nobody has any.
+    /// Components without voxels of any body.
     left: Vec<Vec<usize>>,
 }
 
@@ -135,34 +138,35 @@ struct Shares {
 #[derive(Debug, Clone, Default)]
 pub struct People {
     options: PeopleOptions,
-    followed: Vec<Followed>,
+    followed: Vec<TrackedBody>,
     next_id: u32,
     counts: Counts,
     in_vain: InVain,
 }
 
 impl People {
-    /// Nobody yet.
+    /// No body yet.
     pub fn new(options: PeopleOptions) -> Self {
         Self { options, ..Self::default() }
     }
 
-    /// The bodies, ascending by identity.
-    pub fn list(&self) -> &[Followed] {
+    /// The tracked bodies, ascending by identity.
+    pub fn list(&self) -> &[TrackedBody] {
         &self.followed
     }
 
-    /// What it was told.
+    /// The options in use.
     pub fn options(&self) -> &PeopleOptions {
         &self.options
     }
 
-    /// What happened so far.
+    /// Counts of events so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Goes on to the voxels of `dt_s` later [s]; `labelled` gives the points that are known of a body beside its voxels. What could be a body and is none comes back.
+    /// Advances to the voxels of `dt_s` later [s]; `labelled` gives known points of a body besides its voxels. Returns
+    /// voxels that are large enough for a body but are not modelled as one.
     pub fn step(
         &mut self,
         cubes: &Cubes,
@@ -189,7 +193,7 @@ impl People {
             followed.doubt_s = if is_doubtful { followed.doubt_s + dt_s } else { 0.0 };
         }
         self.join_halves(cubes, &mut owners);
-        // Somebody new beside somebody: voxels that hang together with a body and are not near it.
+        // A new person beside another: voxels connected to a body and not near it.
         let mut beside = Vec::new();
         for (place, followed) in self.followed.iter().enumerate() {
             if followed.tracker.support().unexplained > 0.3 {
@@ -214,22 +218,22 @@ impl People {
         unmodelled
     }
 
-    /// Says where views contradict each other, after a step: places, and what each stands for [m, m³].
-    pub fn hear_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
-        self.followed.iter_mut().for_each(|it| it.tracker.hear_contested(contested));
+    /// Reports where views contradict each other, after a step: positions, and the volume that each represents [m, m³].
+    pub fn set_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
+        self.followed.iter_mut().for_each(|it| it.tracker.set_contested(contested));
     }
 
-    /// Says how many views carved the voxels, after a step.
-    pub fn hear_views(&mut self, n_views: usize) {
-        self.followed.iter_mut().for_each(|it| it.tracker.hear_views(n_views));
+    /// Reports how many views carved the voxels, after a step.
+    pub fn set_n_views(&mut self, n_views: usize) {
+        self.followed.iter_mut().for_each(|it| it.tracker.set_n_views(n_views));
     }
 
-    /// Makes one body of two that are one: silhouettes that lost the head of somebody leave shoulders that look like two heads, and each half is somebody. Tried in the frames after they were found, ever more seldom;
-    /// who was seen apart is somebody.
+    /// Merges two bodies that are halves of one: silhouettes that lost a person's head leave shoulders that look like two heads, and each half becomes a body. Tried in the frames after acquisition, less and less often;
+    /// a body that was seen apart is kept.
     fn join_halves(&mut self, cubes: &Cubes, owners: &mut Vec<Vec<usize>>) {
-        let is_due = |it: &Followed| it.half.is_some_and(u64::is_power_of_two);
-        let middle = |it: &Followed| it.tracker.filter().body.torso;
-        let near = |a: &Followed, b: &Followed| (middle(a) - middle(b)).xy().norm() < HALVES;
+        let is_due = |it: &TrackedBody| it.half.is_some_and(u64::is_power_of_two);
+        let middle = |it: &TrackedBody| it.tracker.filter().body.torso;
+        let near = |a: &TrackedBody, b: &TrackedBody| (middle(a) - middle(b)).xy().norm() < HALVES;
         let mut second = 1;
         while second < self.followed.len() {
             let pair = |first: &usize| {
@@ -250,7 +254,7 @@ impl People {
         }
     }
 
-    /// The one body in the voxels of two, if these leave hardly less of the skin to nobody.
+    /// The one body in the voxels of two, if these leave hardly less of the skin unexplained.
     fn one_of(&self, cubes: &Cubes, owners: &[Vec<usize>], pair: [usize; 2]) -> Option<BodyTracker> {
         let own: Vec<[u16; 3]> = pair.iter().flat_map(|it| &owners[*it]).map(|it| cubes.indices[*it]).collect();
         let field = VoxelField::new(cubes.size, &cubes.origin, &own, cubes.cells)?;
@@ -299,7 +303,7 @@ impl People {
             let close: Vec<usize> = (0..near.len()).filter(|&it| near[it] > 0).collect();
             match close[..] {
                 [] => {
-                    // A hand that a hole has cut off is still somebody's.
+                    // A hand that a hole has cut off still belongs to a person.
                     let places = voxels.iter().step_by(stride).map(|&it| cubes.centre(it));
                     let nearest = places
                         .flat_map(|place| skins.iter().map(move |it| it.distance(&place)).enumerate())
@@ -326,7 +330,7 @@ impl People {
         Shares { owners, is_shared, left }
     }
 
-    /// Makes a body of voxels, or says why not. `beside`: they hang together with another body.
+    /// Makes a body of voxels, or says why not. `beside`: they are connected to another body.
     fn acquire(&mut self, cubes: &Cubes, mut voxels: Vec<usize>, beside: bool, unmodelled: &mut Vec<Unmodelled>) {
         let cube = cubes.size.powi(3);
         while voxels.len() as f64 * cube >= self.options.tracker.acquisition.least_volume {
@@ -371,7 +375,7 @@ impl People {
             };
             self.counts.failed += 1;
             let failed = Unmodelled { centroid, volume, reason: failure };
-            // Whether somebody is followed already changes with who is.
+            // Whether a person is tracked already depends on the present tracks.
             if !matches!(failed.reason, AcquisitionFailure::Known { .. }) {
                 self.in_vain.keep(failed.clone());
             }
@@ -383,12 +387,12 @@ impl People {
     fn follow(&mut self, tracker: BodyTracker, is_touching: bool) {
         let id = self.next_id;
         let half = is_touching.then_some(0);
-        self.followed.push(Followed { id, tracker, age_s: 0.0, is_seen: true, is_touching, doubt_s: 0.0, half });
+        self.followed.push(TrackedBody { id, tracker, age_s: 0.0, is_seen: true, is_touching, doubt_s: 0.0, half });
         self.next_id += 1;
         self.counts.found += 1;
     }
 
-    /// Who comes in close to somebody else walks in; who lies there is found once apart.
+    /// A person who comes in close to another walks in; a lying person is found once apart.
     fn upright(&self, tracker: BodyTracker, field: &VoxelField) -> Result<BodyTracker, AcquisitionFailure> {
         let upright = tracker.upright();
         let lowest = field.voxels().iter().map(|&it| field.centre(it).z).fold(f64::INFINITY, f64::min);

@@ -1,24 +1,24 @@
-//! What is known of a body before it is seen: proportions, how far people differ, and how far joints bend.
+//! Priors of bodies: proportions, how much people differ, and limits of joints.
 //!
 //! Lengths as shares of the stature by D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 2009, figure 4.1; radii from circumferences there and in
-//! common size tables. Sizes go together: who is tall has long arms, and both arms are alike. The covariance says so.
+//! common size tables. Sizes are correlated: tall people have long arms, and both arms are alike. The covariance includes this.
 
 use nalgebra::{DMatrix, Vector3};
 
 use super::parts::{Joint, N_PARTS, Part};
 
-/// How far people differ.
+/// Expected proportions of people and their spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proportions {
-    /// Stature that is expected [m].
+    /// Expected stature [m].
     pub stature: f64,
-    /// Its standard deviation, as a share [–].
+    /// Relative standard deviation of the stature [–].
     pub stature_spread: f64,
-    /// Of one length beside the rest, both sides together, as a share [–].
+    /// Relative standard deviation of one length given the rest, both sides together [–].
     pub length_spread: f64,
-    /// Of one radius beside the rest, as a share [–]: clothes and hulls of few views count here.
+    /// Relative standard deviation of one radius given the rest [–]: clothes and hulls of few views count here.
     pub radius_spread: f64,
-    /// Of one side beside the other, as a share [–].
+    /// Relative standard deviation of one side given the other [–].
     pub side_spread: f64,
 }
 
@@ -29,7 +29,7 @@ impl Default for Proportions {
     }
 }
 
-/// Half sizes over the stature [–].
+/// Half sizes of a part relative to the stature [–].
 pub fn share(part: Part) -> Vector3<f64> {
     match part {
         Part::Torso => Vector3::new(0.065, 0.105, 0.170),
@@ -44,8 +44,8 @@ pub fn share(part: Part) -> Vector3<f64> {
 /// How far a standing person's height is from the stature, as a share [–]: a stride of 0.7 m lowers the head by 4 %.
 pub(super) const STANDING_SPREAD: f64 = 0.04;
 
-/// How far a joint lies from where the model has it in a body that fits, one standard deviation along an axis [m]: people's joints beside those of ten parts of common proportions in a hull. Of simulated
-/// people that are not in the figures.
+/// Standard deviation, along an axis, between a person's joint and that of a fitted body of common proportions in a
+/// hull [m]. From simulated people that are not part of the reported figures.
 pub fn joint_sigma(joint: Joint) -> f64 {
     match joint {
         Joint::Head => 0.008,
@@ -56,7 +56,7 @@ pub fn joint_sigma(joint: Joint) -> f64 {
 }
 
 impl Proportions {
-    /// Expected half sizes [m].
+    /// Expected half sizes of all parts [m].
     pub fn sizes(&self) -> [Vector3<f64>; N_PARTS] {
         Part::ALL.map(|it| share(it) * self.stature)
     }
@@ -86,22 +86,22 @@ impl Proportions {
     }
 }
 
-/// How far a limb's part may lie from the direction of what it hangs on: one row of the filter when it is passed.
+/// Limits of joints, as soft constraints of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// The head from the torso's axis [rad].
+    /// Tilt of the head from the torso's axis [rad].
     pub head_tilt: f64,
-    /// An upper arm backwards from the plane of shoulders and hips [rad].
+    /// Upper arm backwards from the plane of shoulders and hips [rad].
     pub arm_back: f64,
-    /// A thigh backwards from it [rad].
+    /// Thigh backwards from that plane [rad].
     pub thigh_back: f64,
-    /// A thigh to the other side, from the plane through the middle of the body [rad].
+    /// Thigh to the other side, from the median plane [rad].
     pub thigh_across: f64,
-    /// Elbow and knee [rad].
+    /// Bend of elbow and knee [rad].
     pub bend: f64,
-    /// A knee the wrong way [rad].
+    /// Bend of a knee the wrong way [rad].
     pub knee_forward: f64,
-    /// Softness of all of these [rad].
+    /// Softness of all limits [rad].
     pub sigma: f64,
 }
 

@@ -1,12 +1,12 @@
-//! What came later tells of what came before.
+//! Rauch–Tung–Striebel smoothing: earlier estimates improved by later measurements.
 
 use nalgebra::DVector;
 
 use super::filter::{BodyFilter, Step, difference, moved};
 use super::layout::Layout;
 
-/// Rauch–Tung–Striebel: each step with what came after it (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965). Where a step has no transition,
-/// what came later does not reach what came before.
+/// Smooths each step with the steps after it (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965). Where
+/// a step has no transition, later steps do not affect earlier ones.
 pub fn smooth(steps: &[Step]) -> Vec<BodyFilter> {
     let mut smoothed: Vec<BodyFilter> = steps.iter().map(|it| it.filtered.clone()).collect();
     for k in (0..steps.len().saturating_sub(1)).rev() {

@@ -1,8 +1,11 @@
-//! How far a point is from the skin of a part: distances with a sign, and how they change.
+//! Signed distance of a point from the skin of a part, with derivatives.
 //!
-//! Limbs are cones with round ends (the paper's are cylinders), round (their radius in the middle is the mean of x and y): at the joint to the body and at a joint to another part the middle of the round end is the joint itself,
-//! so that two parts meet as a ball joint does; a limb's free end lies at −l_z. The head is an ellipsoid. The torso is an elliptic cylinder from where
-//! the legs part, which is below the joints of the hips, up to a little above the shoulders, with a neck from there to the head. Distances to ellipses are of first order, exact on the skin: (f − 1)/|∇f| of f² = x²/a² + y²/b².
+//! Limbs are cones with round ends (the paper's are cylinders) and round cross-sections (the radius in the middle is
+//! the mean of x and y): at the joint to the body and at a joint to another part the middle of the round end is the
+//! joint itself, so that two parts meet like a ball joint; a limb's free end lies at −l_z. The head is an ellipsoid.
+//! The torso is an elliptic cylinder from where the legs part, below the hip joints, to a little above the shoulders,
+//! with a neck from there to the head. Distances to ellipses are of first order, exact on the skin: (f − 1)/|∇f| of f²
+//! = x²/a² + y²/b².
 
 use nalgebra::Vector3;
 
@@ -17,18 +20,18 @@ pub(super) const TRUNK_BOTTOM: f64 = 1.32;
 /// Radius of the neck as a share of the half width of the shoulders [–]: 0.055 m beside 0.18 m (circumference of a neck 0.35 m).
 const NECK: f64 = 0.3;
 
-/// Distance from the skin in the part's own axes.
+/// Signed distance from a skin, in the part's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Skin {
-    /// Above 0 outside [m].
+    /// Distance, above 0 outside [m].
     pub distance: f64,
-    /// Out of the skin, of length 1, in the part's axes: the derivative of the distance by the point.
+    /// Outward unit normal in the part's axes: the derivative of the distance by the point.
     pub normal: Vector3<f64>,
     /// Derivative of the distance by the sizes.
     pub by_sizes: Vector3<f64>,
 }
 
-/// Of a point in the part's axes. `is_end`: no part hangs on it.
+/// The skin of `part` at a point in the part's axes. `is_end`: the part has no child.
 pub fn skin(part: Part, point: &Vector3<f64>, sizes: &Vector3<f64>, is_end: bool) -> Skin {
     match part {
         Part::Torso => {

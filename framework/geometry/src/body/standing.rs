@@ -42,7 +42,7 @@ fn off(found: &[JointEstimate], truth: &[(Joint, Point3<f64>)]) -> Vec<(Joint, f
     if sum(&same) <= sum(&other) { same } else { other }
 }
 
-/// Somebody in voxels of 25 mm who is looked for in them as tall as they are, and where the joints are.
+/// A person in voxels of 25 mm, tracked with the true stature, and the true joints.
 fn acquire(
     stance: &Stance,
     n_cameras: usize,
@@ -71,8 +71,10 @@ fn wrong(seeds: std::ops::Range<u64>, n_cameras: usize, vary: bool) -> Vec<Strin
             Ok(tracker) => {
                 let far: Vec<_> = off(&tracker.joints(), &truth).into_iter().filter(|it| it.1 > ELSEWHERE).collect();
                 if !far.is_empty() {
-                    wrong
-                        .push(format!("{seed}: {far:?}, {:.2} of the skin is nobody's", tracker.support().unexplained));
+                    wrong.push(format!(
+                        "{seed}: {far:?}, {:.2} of the skin is unexplained",
+                        tracker.support().unexplained
+                    ));
                 }
             }
             Err(why) => wrong.push(format!("{seed}: {why}")),
@@ -130,7 +132,7 @@ fn hips_of_stout_people_whose_legs_touch_are_where_their_stature_lets_expect_the
         let stature = random.uniform_in(1.5, 1.9);
         let stance = Stance { stature, spread: 0.0, wide: 1.25, arms: [0.2; 2], ..Stance::upright(&mut random) };
         let (tubes, truth) = stance.drawn();
-        // As tall as nobody said.
+        // Without a stated stature.
         let field = hull(&tubes, &ring(4, &mut random), 0.05);
         let Ok(found) = BodyTracker::acquire(&field, &TrackerOptions::default()) else { continue };
         let hips = |joint: Joint| (joint == Joint::LeftHip || joint == Joint::RightHip).then_some(joint);
@@ -266,7 +268,7 @@ fn shoulders_below_the_end_of_the_volume_are_no_heads_and_raised_arms_may_leave_
     assert!(found >= 11, "of 12 with raised arms {found} are found");
 }
 
-/// Nobody said how tall they are. Heads of 0.1 m are three voxels wide, so that many children are not found at all; none may be found as somebody else. Of adults who crouch as low as children stand, the knees are where adults' are.
+/// Their stature is not stated. Heads of 0.1 m are three voxels wide, so that many children are not found at all; none may be found as another person. Of adults who crouch as low as children stand, the knees are where adults' are.
 #[test]
 fn children_are_found_as_children_and_adults_who_crouch_as_adults() {
     for (is_child, knees) in [(true, [0.0, 0.5]), (false, [1.6, 2.5])] {

@@ -1,8 +1,9 @@
-//! One body, from acquisition through all frames: which of its parts the data show, and what becomes of those that they do not show any more.
+//! Tracker of one body, from acquisition through all frames, with the parts that the data support.
 //!
-//! The model has levels [Mikić 2001 §6]: head and trunk at least; each limb as nothing, as one straight piece, or as two parts. A limb comes in when its template is found in voxels that are
-//! not yet taken; it is split when its bend is larger than its uncertainty, and joined again when it has been straight for a while; it goes when voxels do not support it.
-//! Rows and columns of the filter come and go with it.
+//! The model has levels [Mikić 2001 §6]: at least head and trunk; each limb absent, as one straight piece, or as two
+//! parts. A limb is added when its template is found in free voxels; it is split when its bend is larger than its
+//! uncertainty, and joined again when it has been straight for a while; it is removed when voxels do not support it.
+//! Rows and columns of the filter follow.
 
 use nalgebra::{Matrix6, Point3, Vector3};
 
@@ -25,47 +26,49 @@ mod room;
 use beginning::standing;
 use contradiction::Contradiction;
 
-/// All that a tracker is told.
+/// Options of a body tracker.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrackerOptions {
-    /// How it begins.
+    /// Acquisition.
     pub acquisition: AcquisitionOptions,
-    /// How voxels are compared.
+    /// Comparison of voxels with the body.
     pub fit: FitOptions,
-    /// How bodies move.
+    /// Motion model.
     pub motion: MotionOptions,
-    /// How uncertain what begins is.
+    /// Standard deviations of a new state.
     pub beginning: Beginning,
-    /// How far joints bend.
+    /// Limits of joints.
     pub limits: Limits,
-    /// What people look like.
+    /// Proportions of people.
     pub proportions: Proportions,
-    /// When parts come and go.
+    /// When parts are added and removed.
     pub levels: LevelOptions,
 }
 
-/// When parts come and go.
+/// When parts are added and removed, and when they count as measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevelOptions {
-    /// A part of whose axis less lies inside the voxels is not supported [–].
+    /// Least share of a part's axis inside the voxels, for support [–].
     pub least_inside: f64,
-    /// A part of whose skin less is there is not supported [–].
+    /// Least share of a part's skin that is present, for support [–].
     pub least_covered: f64,
-    /// A part of whose skin less is there is not measured: it lies in one volume with others, and may be anywhere in it [–].
+    /// Least share of a part's skin that is present, for it to count as measured: with less it shares one volume with
+    /// others, and may be anywhere in it [–].
     pub measured_covered: f64,
-    /// The same of both parts of a leg, which hide less of each other than arms hide of a trunk [–].
+    /// The same for both parts of a leg, which hide less of each other than arms hide of a trunk [–].
     pub measured_leg: f64,
-    /// A limb around a part of which the voxels hold more than so many times its volume is not measured: it may be anywhere in that [–].
+    /// A limb does not count as measured where the voxels around one of its parts hold more than so many times its
+    /// volume: it may be anywhere in them [–].
     pub most_room: f64,
-    /// An arm beyond whose hand voxels go on for longer is not measured: it lies in a thing, a chair's back as a rule [m].
+    /// An arm does not count as measured where voxels go on beyond its hand for longer: it lies in an object, usually a chair's back [m].
     pub most_beyond: f64,
-    /// A body is not measured around which views disagree on more than this share of what its voxels hold, or so much at its head [–, m³].
+    /// A body does not count as measured where views disagree on more than this share of its voxels, or on so much at its head [–, m³].
     pub most_contested: [f64; 2],
-    /// A part inside of which more of the voxels lack is not measured, nor is a body [–].
+    /// A part, and a body, do not count as measured where a larger share of the voxels inside is missing [–].
     pub most_lacking: [f64; 2],
-    /// A limb that was not supported for so long leaves the model; a trunk, the body [s].
+    /// A limb without support for so long is removed from the model; a trunk without support ends the track [s].
     pub lost_s: f64,
-    /// A limb is split where it bends by so many standard deviations [–].
+    /// A limb is split where its bend exceeds so many standard deviations [–].
     pub split_sigmas: f64,
     /// A limb that was straight for so long is joined again [s].
     pub join_s: f64,
@@ -92,40 +95,40 @@ impl Default for LevelOptions {
     }
 }
 
-/// How much of a limb is in the model.
+/// Level of a limb in the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum LimbLevel {
-    /// Nothing.
+    /// Not in the model.
     Absent,
-    /// One straight piece: its middle joint is where proportions put it.
+    /// One straight piece: its middle joint follows from proportions.
     Straight,
     /// Two parts.
     Bent,
 }
 
-/// How a joint came to be.
+/// Provenance of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointSource {
-    /// Its part is there in the voxels.
+    /// Its part is visible in the voxels.
     Measured,
-    /// Its part goes on as it moved.
+    /// Its part is extrapolated.
     Predicted,
-    /// Proportions put it there.
+    /// Its position follows from proportions.
     Filled,
 }
 
-/// A joint of a body.
+/// An estimated joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointEstimate {
-    /// Which.
+    /// Which joint.
     pub joint: Joint,
-    /// [m]
+    /// Position [m].
     pub position: Point3<f64>,
-    /// [m/s]
+    /// Velocity [m/s].
     pub velocity: Vector3<f64>,
-    /// Of (position, velocity) [m², m²/s, m²/s²].
+    /// Covariance of (position, velocity) [m², m²/s, m²/s²].
     pub covariance: Matrix6<f64>,
-    /// How it came to be.
+    /// Provenance.
     pub source: JointSource,
 }
 
@@ -136,11 +139,11 @@ struct LimbTrack {
     straight_s: f64,
 }
 
-/// A body that is followed.
+/// The track of a body.
 #[derive(Debug, Clone)]
 pub struct BodyTracker {
     options: TrackerOptions,
-    /// What is expected of a child, in place of what the options say.
+    /// Proportions of a child, in place of those of the options.
     child: Option<Proportions>,
     filter: BodyFilter,
     limbs: [LimbTrack; 4],
@@ -149,7 +152,7 @@ pub struct BodyTracker {
     trunk_weak_s: f64,
     is_lost: bool,
     frame: u64,
-    /// The frame from which on it is looked for anew, and how long to wait when nothing better is found.
+    /// The frame from which on it is acquired again, and how long to wait when no better state is found.
     next_look: u64,
     wait: u64,
     /// Of each limb, what the voxels around its parts hold over their volume [–].
@@ -173,11 +176,11 @@ const LOOK_EVERY: u64 = 3;
 /// Limbs reach for what no part has where that is a larger share of the skin [–]: a calf is a tenth of it.
 const REST_FROM: f64 = 0.03;
 
-/// A body that leaves this share of the skin to no part is looked for anew, once in so many frames; what is found takes its place if it leaves so much less.
+/// A body that leaves this share of the skin to no part is acquired again, once in so many frames; the new body takes its place if it leaves so much less.
 const ANEW_FROM: f64 = 0.12;
 const ANEW_EVERY: u64 = 10;
 const ANEW_GAIN: f64 = 0.06;
-/// Of a head that is one, so much of the skin is there, and so much of all skin may be nobody's [–]; another body is that much more likely [–, logarithm].
+/// Of a head that is one, so much of the skin is present, and so much of all skin may belong to no part [–]; another body is that much more likely [–, logarithm].
 const HEAD_SEEN: f64 = 0.8;
 const HEAD_REST: f64 = 0.03;
 const HEAD_BETTER: f64 = 10.0;
@@ -191,7 +194,7 @@ const CHILD_ANEW: [f64; 2] = [0.04, 0.02];
 const HEAD_LACKS: f64 = 0.3;
 const LIMBS_UNUSUAL: f64 = 30.0;
 const SKIN_LACKS: f64 = 0.58;
-/// The same of what a body that lies leaves of the skin to nobody [–], to the fourth power: table tops leave 0.14 and more, people who lie or stoop 0.11 at most.
+/// The same for the skin that a lying body leaves unexplained [–], to the fourth power: table tops leave 0.14 and more, people who lie or stoop 0.11 at most.
 const LYING_REST: f64 = 0.19;
 
 /// A trunk as upright as this stands or stoops by up to 50°: cosine of its angle to the vertical [–].
@@ -221,7 +224,7 @@ const LEAST_STANDING: f64 = 0.9;
 const VOXEL_SHARE: f64 = 0.25;
 
 impl BodyTracker {
-    /// Goes on to the next frame, `dt_s` later [s].
+    /// Advances to the next frame, `dt_s` later [s].
     pub fn step(&mut self, field: &VoxelField, dt_s: f64, labelled: &[Labelled]) {
         self.frame += 1;
         self.share = (dt_s / POSE_S).min(1.0);
@@ -255,10 +258,10 @@ impl BodyTracker {
 
     /// A fit that began wrong explains little and hardly finds out by itself: a body found in these voxels alone, without what went before, takes its place if it explains more.
     ///
-    /// Begun in silhouettes that lost the head, it took the chest for one: that is a head of which a fifth of the skin lacks, below a head that is nobody's.
+    /// Begun in silhouettes that lost the head, it took the chest for one: such a head lacks a fifth of its skin, and lies below a head that belongs to no body.
     fn look_anew(&mut self, field: &VoxelField) -> bool {
         let left = self.support.unexplained;
-        // A child may be somebody grown up whose head the silhouettes had lost.
+        // A child may be an adult whose head the silhouettes had lost.
         let [from, gain] = if self.child.is_some() { CHILD_ANEW } else { [ANEW_FROM, ANEW_GAIN] };
         let is_doubtful = self.has_doubtful_head();
         if !(left >= from || is_doubtful) || self.frame < self.next_look {
@@ -286,12 +289,12 @@ impl BodyTracker {
         self.support.covered[Part::Head.index()] < HEAD_SEEN || self.support.unexplained > HEAD_REST
     }
 
-    /// Whether what was found anew is the same person, not somebody beside.
+    /// Whether the newly acquired body is the same person, not another one beside.
     fn is_same(&self, found: &Self) -> bool {
         (found.filter.body.torso - self.filter.body.torso).norm() < ONE_PERSON
     }
 
-    /// A frame without voxels: everything goes on as it moved.
+    /// Advances by a frame without voxels: the state is extrapolated.
     pub fn coast(&mut self, dt_s: f64) {
         let transition = self.filter.predict(dt_s, &self.options.motion);
         self.support = Support::default();
@@ -323,7 +326,7 @@ impl BodyTracker {
         self.beyond = self.beyond_hands(field);
     }
 
-    /// How tall somebody is who stands [m]; `None` of who is much lower than expected, as on a chair.
+    /// Stature of a standing person [m]; `None` where the body is much lower than expected, as on a chair.
     fn standing_stature(&self, field: &VoxelField, people: &Proportions) -> Option<f64> {
         let top = self.filter.body.centre(Part::Head).z + self.filter.body.size(Part::Head).z;
         let stature = standing(field, top, self.upright(), people)?.stature;
@@ -372,7 +375,7 @@ impl BodyTracker {
         }
         self.trunk_weak_s += dt_s;
         self.is_lost |= self.trunk_weak_s > self.options.levels.lost_s;
-        // The same body begins anew, as large as it is known to be.
+        // The same body begins again, as large as it is known to be.
         let mut options = self.options.clone();
         options.proportions.stature = 2.0 * self.filter.body.size(Part::Torso).z / 0.34;
         if let Ok(found) = Self::acquire(field, &options)
@@ -415,27 +418,27 @@ impl BodyTracker {
         }
     }
 
-    /// Whether voxels have not supported head or trunk for too long.
+    /// Whether head or trunk have had no support for too long.
     pub fn is_lost(&self) -> bool {
         self.is_lost
     }
 
-    /// Says which limbs lie at another body that touches: these are not measured.
+    /// Sets which limbs lie at another body that touches: these do not count as measured.
     pub fn share_limbs(&mut self, shared: [bool; 4]) {
         self.shared = shared;
     }
 
-    /// Its skins, to ask how far a place is from them.
+    /// The skins of its parts, for distance queries.
     pub fn skins(&self) -> Skins {
         Skins::of(&self.filter.body, self.filter.layout())
     }
 
-    /// Its filter.
+    /// The filter.
     pub fn filter(&self) -> &BodyFilter {
         &self.filter
     }
 
-    /// The same with another estimate of the same parts, such as a smoothed one.
+    /// The tracker with another estimate of the same parts, such as a smoothed one.
     pub fn with_filter(&self, filter: BodyFilter) -> Self {
         Self { filter, ..self.clone() }
     }
@@ -445,22 +448,22 @@ impl BodyTracker {
         self.last.as_ref()
     }
 
-    /// How well the last voxels support it.
+    /// Support of the body by the last voxels.
     pub fn support(&self) -> &Support {
         &self.support
     }
 
-    /// How much of a limb is in the model.
+    /// Level of a limb.
     pub fn level(&self, limb: Limb) -> LimbLevel {
         self.limbs[limb.index()].level
     }
 
-    /// How sure it is which side is the left one: 0 for a guess, 1 for sure.
+    /// Certainty of left and right: 0 for a guess, 1 for certain.
     pub fn facing(&self) -> f64 {
         (self.facing.log_odds() / SURE).clamp(0.0, 1.0)
     }
 
-    /// Which parts are in the model, and how.
+    /// Presence of each part in the model.
     pub fn presence(&self) -> [Presence; N_PARTS] {
         Part::ALL.map(|it| self.filter.layout().presence(it))
     }
@@ -506,7 +509,7 @@ impl BodyTracker {
         goes_on || self.is_behind_back(limb)
     }
 
-    /// All joints that the model has. Their covariances hold that of the model too ([`joint_sigma`]): what the filter knows is where its own parts are.
+    /// All joints of the model. Their covariances include the model error ([`joint_sigma`]): the filter knows only the positions of its own parts.
     pub fn joints(&self) -> Vec<JointEstimate> {
         let mut list = joints(&self.filter, |joint| {
             let (part, _) = joint.place();
@@ -534,7 +537,7 @@ impl BodyTracker {
     }
 }
 
-/// The joints that a filter's parts tell, each with how it came to be.
+/// The joints of a filter's parts, each with its provenance.
 pub fn joints(filter: &BodyFilter, source: impl Fn(Joint) -> JointSource) -> Vec<JointEstimate> {
     let layout = filter.layout();
     let is_there = |it: &Joint| layout.has(it.place().0) && it.limb().is_none_or(|limb| layout.has(limb.parts()[0]));

@@ -4,12 +4,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::camera::Camera;
 
-/// Of optics and pose there are so many columns; those of the clock come after them.
+/// Number of columns of pose and optics; those of the clock come after them.
 pub const CLOCK: usize = 15;
-/// All columns.
+/// Number of all columns.
 pub const N_NAMES: usize = CLOCK + 2;
 
-/// What can be free. A camera's block of width C has the first C of them, or where clocks are adjusted the first C − 2 and the last two.
+/// Names of the parameters of a camera. A camera's block of width C has the first C of them; where clocks are
+/// adjusted, the first C − 2 and the last two.
 pub const NAMES: [&str; N_NAMES] = [
     "rotation x",
     "rotation y",
@@ -30,29 +31,29 @@ pub const NAMES: [&str; N_NAMES] = [
     "clock drift",
 ];
 
-/// What of a camera is adjusted.
+/// Which parameters of a camera are adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Freedom {
     /// Rotation and translation.
     pub pose: bool,
-    /// One factor of both focal lengths.
+    /// Common factor of both focal lengths.
     pub focal: bool,
-    /// A further factor of the vertical focal length alone.
+    /// Additional factor of the vertical focal length.
     pub aspect: bool,
     /// Both coordinates of the principal point.
     pub principal: bool,
-    /// Radial distortion, of r².
+    /// Radial distortion coefficient of r².
     pub k1: bool,
-    /// Radial distortion, of r⁴.
+    /// Radial distortion coefficient of r⁴.
     pub k2: bool,
-    /// Radial distortion, of r⁶.
+    /// Radial distortion coefficient of r⁶.
     pub k3: bool,
-    /// Both decentering terms p1 and p2.
+    /// Both decentering coefficients p1 and p2.
     pub decentering: bool,
 }
 
 impl Freedom {
-    /// Nothing: the camera is known.
+    /// No parameter: the camera is held.
     pub const NONE: Freedom = Freedom {
         pose: false,
         focal: false,
@@ -63,7 +64,7 @@ impl Freedom {
         k3: false,
         decentering: false,
     };
-    /// The pose, under known optics.
+    /// The pose only, under known optics.
     pub const POSE: Freedom = Freedom { pose: true, ..Freedom::NONE };
 
     /// Whether an optic is free.
@@ -72,7 +73,7 @@ impl Freedom {
         *of.of(optic)
     }
 
-    /// The same with an optic held.
+    /// The same freedom with an optic held.
     #[must_use]
     pub fn without(mut self, optic: Optic) -> Freedom {
         *self.of(optic) = false;
@@ -91,49 +92,49 @@ impl Freedom {
         }
     }
 
-    /// By column of [`NAMES`].
+    /// Whether each column of [`NAMES`] is free.
     pub fn mask(&self) -> [bool; CLOCK] {
         let Freedom { pose, focal, aspect, principal, k1, k2, k3, decentering } = *self;
         let optics = [focal, k1, k2, principal, principal, aspect, decentering, decentering, k3];
         std::array::from_fn(|column| if column < 6 { pose } else { optics[column - 6] })
     }
 
-    /// How many numbers are free.
+    /// Number of free parameters.
     pub fn n_parameters(&self) -> usize {
         self.mask().iter().filter(|it| **it).count()
     }
 
-    /// How many columns of [`NAMES`], counted from the first, hold all that is free.
+    /// Number of columns of [`NAMES`], counted from the first, that include all free ones.
     pub fn width(&self) -> usize {
         self.mask().iter().rposition(|it| *it).map_or(0, |it| it + 1)
     }
 }
 
-/// What of a camera's optics is freed or held as one.
+/// A group of optical parameters that is freed or held as one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Optic {
-    /// The factor of both focal lengths.
+    /// Common factor of both focal lengths.
     Focal,
-    /// The further factor of the vertical one.
+    /// Additional factor of the vertical focal length.
     Aspect,
-    /// The principal point.
+    /// Principal point.
     Principal,
-    /// Radial distortion, of r².
+    /// Radial distortion coefficient of r².
     K1,
-    /// Radial distortion, of r⁴.
+    /// Radial distortion coefficient of r⁴.
     K2,
-    /// Radial distortion, of r⁶.
+    /// Radial distortion coefficient of r⁶.
     K3,
-    /// Both decentering terms.
+    /// Both decentering coefficients.
     Decentering,
 }
 
 impl Optic {
-    /// All, from the one that is missed most to the one that is missed least.
+    /// All optics, from the most to the least important.
     pub const ALL: [Optic; 7] =
         [Optic::Focal, Optic::K1, Optic::Principal, Optic::K2, Optic::Aspect, Optic::Decentering, Optic::K3];
 
-    /// By the name of one of its parameters in [`super::UnobservableParameters`].
+    /// The optic of one of the parameters in [`super::UnobservableParameters`].
     pub fn named(parameter: &str) -> Option<Optic> {
         match parameter {
             "focal" => Some(Optic::Focal),
@@ -162,39 +163,39 @@ impl std::fmt::Display for Optic {
     }
 }
 
-/// Standard deviations of the optics; 0 for what is held, infinite for what nobody knows.
+/// Standard deviations of the optics; 0 for held parameters, infinite for unknown ones.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OpticsSigma {
-    /// Of the common factor of both focal lengths, relative [–].
+    /// Relative standard deviation of the common factor of both focal lengths [–].
     pub focal: f64,
-    /// Of the further factor of the vertical one [–].
+    /// Standard deviation of the additional factor of the vertical focal length [–].
     pub aspect: f64,
-    /// Of the principal point [px].
+    /// Standard deviations of the principal point [px].
     pub principal: [f64; 2],
-    /// Of k1, k2, k3 [–].
+    /// Standard deviations of k1, k2, k3 [–].
     pub radial: [f64; 3],
-    /// Of p1, p2 [–].
+    /// Standard deviations of p1, p2 [–].
     pub decentering: [f64; 2],
 }
 
-/// What is known of a camera's optics beside what its pixels say, such as that the principal point is near the middle.
+/// Prior knowledge of a camera's optics, for example that the principal point is near the middle.
 ///
-/// What is free and known roughly keeps its own uncertainty in the covariance of everything else, where what is held at a guess would
-/// pass for certain.
+/// A free parameter with a prior keeps its own uncertainty in the covariance of everything else, where a parameter
+/// held at a guess would count as certain.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpticsPrior {
-    /// With these optics; its pose does not matter.
+    /// A camera with the prior mean of the optics; its pose is not used.
     pub camera: Camera,
-    /// To within so much, independent of each other and of that of other cameras.
+    /// Prior standard deviations, independent of each other and between cameras.
     pub sigma: OpticsSigma,
 }
 
-/// The principal point of a camera of which nobody measured it is this part of the picture's longer side from the middle [–].
+/// Prior standard deviation of an unmeasured principal point from the middle, as a part of the picture's longer side [–].
 const PRINCIPAL_SIGMA: f64 = 0.02;
 
 impl OpticsPrior {
-    /// Of a `camera` whose optics are those that may be expected of any: nothing of its focal length, a principal point near the middle of
-    /// the picture, pixels of the shape stated, a lens of moderate distortion that is mounted nearly straight.
+    /// The weak prior of any `camera`: unknown focal length, a principal point near the middle of the picture, the
+    /// stated pixel shape, a lens of moderate distortion that is mounted nearly straight.
     pub fn of_guess(camera: &Camera) -> OpticsPrior {
         let longer = f64::from(camera.image_size[0].max(camera.image_size[1]));
         let [fx, fy] = camera.intrinsics.focal;
@@ -205,7 +206,7 @@ impl OpticsPrior {
         OpticsPrior { camera: camera.clone(), sigma }
     }
 
-    /// Nothing.
+    /// No prior knowledge: all standard deviations infinite.
     pub fn none(camera: &Camera) -> OpticsPrior {
         let unknown = f64::INFINITY;
         let (principal, radial, decentering) = ([unknown; 2], [unknown; 3], [unknown; 2]);
@@ -250,7 +251,7 @@ impl OpticsSigma {
     }
 }
 
-/// Moves `camera` by a step in the columns of [`NAMES`], those left out 0; focal lengths by factors, so that they stay positive.
+/// `camera` after a step in the columns of [`NAMES`] (missing ones are 0); focal lengths change by factors, so that they stay positive.
 pub fn moved(camera: &Camera, step: &[f64]) -> Camera {
     let at = |column: usize| step.get(column).copied().unwrap_or(0.0);
     let mut moved = camera.clone();

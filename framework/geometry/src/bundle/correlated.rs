@@ -1,17 +1,19 @@
-//! The covariance of cameras whose observations err together: what residuals show beside noise that is new in each pixel.
+//! Covariance of cameras from correlated residuals: observations with errors in common, beside white noise.
 //!
-//! Errors of neighbouring pictures have something in common (stamps, the shape of the light, reflections, the lens where the light is just then), and so
-//! have those at one place of a picture (the lens that the model does not describe). Two terms take the place of the inverse information C:
+//! Neighbouring pictures have errors in common (stamps, the shape of the light, reflections, the lens where the light
+//! is at the time), and so has each place of a picture (lens errors that the model does not describe). Two terms
+//! replace the inverse information C:
 //!
-//! 1. *Stretches of time*: sᵦ is the gradient of stretch b when points follow, with the leverage that b has on the solution taken out, so that white noise
+//! 1. *Stretches of time*: sᵦ is the gradient of stretch b with the points eliminated, and with the leverage that b
+//!    has on the solution removed, so that white noise
 //!    gives Σ E sᵦ sᵦᵀ = A = C⁻¹. Source: R. Bell, D. McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage
 //!    samples", Survey Methodology 28(2), 2002 (its CR2); f(Aᵦ C) sᵦ with f(x) = (1 − x)^−½ by Lanczos' method in the inner product of C. There are
-//!    fewer stretches than unknowns: κ = tr(C Σ sᵦ sᵦᵀ) over the number of unknowns multiplies the covariance as a whole, but for what is known of optics
-//!    beforehand, and single directions in which Σ sᵦ sᵦᵀ is larger than chance makes them (κ (1 + √(unknowns / stretches))², the edge of V. Marčenko and
+//!    fewer stretches than unknowns: κ = tr(C Σ sᵦ sᵦᵀ) over the number of unknowns multiplies the covariance as a whole, except for priors of the
+//!    optics; single directions in which Σ sᵦ sᵦᵀ exceeds chance (κ (1 + √(unknowns / stretches))², the edge of V. Marčenko and
 //!    L. Pastur) are taken as found.
 //! 2. *Fields over the picture*: each camera's pixels may be displaced by a smooth field, a sum of Legendre polynomials whose coefficients have one
-//!    variance τ². τ² is what residuals show beyond chance in the part of the field that cameras and points cannot follow, and is believed of the part
-//!    that they do follow, where it moves them unseen: τ² C b bᵀ C for each coefficient, b the gradient that it causes.
+//!    variance τ². It is estimated from the residuals in the part of the field that cameras and points cannot absorb, and applied to the part
+//!    that they do absorb, where it moves them unnoticed: τ² C b bᵀ C for each coefficient, b the gradient that it causes.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Point2, SMatrix, SVector, Vector2, Vector6};
 
@@ -28,47 +30,47 @@ const MOST_FIELDS: usize = 2000;
 /// An observation, linearised at the solution.
 #[derive(Debug, Clone)]
 pub struct Linear<const C: usize> {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// Of a squared error: one over the variance, less for what lies far off [1/px²].
+    /// Weight of the squared error: one over the variance, less for outliers [1/px²].
     pub weight: f64,
-    /// The pixel by what is free of the camera.
+    /// Derivative of the pixel with respect to the camera's free parameters.
     pub by_camera: SMatrix<f64, 2, C>,
-    /// And by the unknowns of its group.
+    /// Derivative of the pixel with respect to the unknowns of its group.
     pub by_unknown: SMatrix<f64, 2, 6>,
-    /// Seen − measured [px].
+    /// Residual: seen − measured [px].
     pub error: Vector2<f64>,
-    /// Where it was seen, over half the longer side of the picture, from its middle [–].
+    /// Position in the picture, from its middle, relative to half the longer side [–].
     pub place: [f64; 2],
 }
 
-/// Observations whose places in space are eliminated together: of one point, of two a known length apart, or of a rigid board.
+/// Observations whose places in space are eliminated together: of one point, of two points a known length apart, or of a rigid board.
 #[derive(Debug, Clone)]
 pub struct Group<const C: usize> {
-    /// Which stretch of time it is of.
+    /// Index of the stretch of time.
     pub stretch: usize,
-    /// What was seen of it.
+    /// Observations of the group.
     pub seen: Vec<Linear<C>>,
-    /// Of the information of its unknowns; 0 in what it does not have.
+    /// Inverse information of the unknowns; 0 for those that the group does not have.
     pub inverse: Matrix6<f64>,
-    /// Of the cost by its unknowns.
+    /// Gradient of the cost with respect to the unknowns.
     pub gradient: Vector6<f64>,
 }
 
-/// All observations of a solution, and what is free in it.
+/// All observations of a solution, and its free parameters.
 #[derive(Debug, Clone)]
 pub struct Correlated<const C: usize> {
-    /// What was seen.
+    /// Groups of observations.
     pub groups: Vec<Group<C>>,
-    /// By camera and column of its block: the row among all that is free.
+    /// By camera and column of its block: the row among all free parameters.
     pub rows: Vec<[Option<usize>; C]>,
-    /// How many rows.
+    /// Number of rows.
     pub dimension: usize,
-    /// Rows that are known beside what was seen, and to what standard deviation.
+    /// Rows with a prior, and its standard deviation.
     pub known: Vec<(usize, f64)>,
 }
 
-/// A pixel's place in the picture, as [`Linear::place`] has it.
+/// Position of a pixel in the picture, as in [`Linear::place`].
 pub fn place(pixel: &Point2<f64>, image_size: [u32; 2]) -> [f64; 2] {
     let [columns, rows] = image_size.map(f64::from);
     let half = 0.5 * columns.max(rows).max(1.0);
@@ -77,7 +79,7 @@ pub fn place(pixel: &Point2<f64>, image_size: [u32; 2]) -> [f64; 2] {
 }
 
 impl<const C: usize> Correlated<C> {
-    /// What takes the place of `inverse`, the inverse information at right angles to so many `directions` of the gauge.
+    /// The covariance that replaces `inverse`, the inverse information at right angles to so many `directions` of the gauge.
     pub fn covariance(&self, inverse: &DMatrix<f64>, directions: usize) -> DMatrix<f64> {
         let covariance = self.of_stretches(inverse, directions) + self.of_fields(inverse);
         0.5 * (&covariance + covariance.transpose())

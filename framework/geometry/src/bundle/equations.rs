@@ -65,13 +65,13 @@ pub struct Posed<'a> {
 }
 
 impl<'a> Posed<'a> {
-    /// Of a camera.
+    /// Precomputes the rotation of `camera`.
     pub fn new(camera: &'a Camera) -> Posed<'a> {
         Posed { camera, rotation: camera.camera_from_world.rotation.to_rotation_matrix().into_inner() }
     }
 
-    /// Pixel [px], its derivatives by the first C columns of [`super::NAMES`], where `TIMED` by C − 2 with two left 0 for the clock, and by
-    /// the point; `None` where the camera does not see it.
+    /// Pixel [px], its derivatives with respect to the first C columns of [`super::NAMES`] (where `TIMED`: C − 2, and
+    /// two left 0 for the clock) and to the point; `None` where the camera does not see it.
     #[inline]
     pub fn linearise<const C: usize, const TIMED: bool>(
         &self,

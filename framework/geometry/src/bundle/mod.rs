@@ -1,21 +1,52 @@
-//! Bundle adjustment: the cameras and points under which all pixels together are most likely.
+//! Bundle adjustment: the cameras and points that minimise the reprojection error of all observations.
 //!
 //! [`adjust`] minimises ½ Σ ρ(|seen − measured|²/σ²) over poses, optics and points by Levenberg–Marquardt. Points are
-//! eliminated from the normal equations (Schur complement), so that what is solved has 6 to 15 unknowns for each camera and none for a
+//! eliminated from the normal equations (Schur complement), so that the reduced system has 6 to 15 unknowns for each camera and none for a
 //! point. Source: B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000, §6 and §9.
 //!
-//! | here | there | meaning |
+//! | here | source | meaning |
 //! |---|---|---|
 //! | `of_camera`, `of_point` | U, V | blocks of JᵀWJ on the diagonal |
 //! | `between` | W | block of a camera and a point |
-//! | `reduced` | U − W V⁻¹ Wᵀ | information of the cameras when points follow |
+//! | `reduced` | U − W V⁻¹ Wᵀ | information of the cameras with the points eliminated |
 //!
-//! Pixels fix the scene up to a similarity only. Steps never move along these seven directions (inner constraints), and the
-//! [`Gauge`] chooses how the covariance is stated; cameras whose pose is held fix as many of the seven as they can.
-//! Known lengths between points, such as a wand's, fix the scale as well; known optics keep what pixels say little of within reason
-//! ([`adjust_knowing`]).
-//! [`adjust_with_clocks`] adjusts each camera's clock besides, from how fast pixels move.
-//! Inside, the scene is moved to its centroid and scaled to size 1, so that places of millions of metres keep their digits.
+//! Pixels determine the scene only up to a similarity. Steps never move along these seven directions (inner
+//! constraints), and the [`Gauge`] chooses how the covariance is stated; cameras whose pose is held fix as many of the
+//! seven as they can. Known lengths between points, such as a wand's, also fix the scale; priors of the optics
+//! constrain what the pixels say little about ([`adjust_knowing`]). [`adjust_with_clocks`] also adjusts each camera's
+//! clock, from the velocities of the pixels. Internally the scene is moved to its centroid and scaled to size 1, so
+//! that coordinates of millions of metres keep their precision.
+//!
+//! ```
+//! use foveate_estimation::Random;
+//! use foveate_geometry::{AlignmentOptions, BundleOptions, Camera, Freedom, Observation, adjust, camera_errors};
+//! use nalgebra::{Point3, Vector3};
+//!
+//! let mut random = Random::new(1);
+//! let mut draw = |size: f64| Vector3::from_fn(|_, _| random.uniform_in(-size, size));
+//! let centre = Point3::new(0.0, 0.0, 1.0);
+//! let truth = [[3.0, 0.0, 2.0], [0.0, 3.0, 2.5], [-3.0, 0.0, 1.5], [0.0, -3.0, 2.0]]
+//!     .map(|it| Camera::look_at(Point3::from(it), centre, [640, 480], 500.0));
+//! let points: Vec<_> = (0..50).map(|_| centre + draw(0.8)).collect();
+//! let mut observations = Vec::new();
+//! for (camera, it) in truth.iter().enumerate() {
+//!     for (point, position) in points.iter().enumerate() {
+//!         let noise = draw(0.5).xy(); // half a pixel at most
+//!         observations.push(Observation { camera, point, pixel: it.project(position).unwrap() + noise, sigma_px: 0.3 });
+//!     }
+//! }
+//! // Start with every camera and every point several centimetres off.
+//! let start = truth.clone().map(|mut it| {
+//!     it.camera_from_world.translation.vector += draw(0.05);
+//!     it
+//! });
+//! let start_points: Vec<_> = points.iter().map(|it| it + draw(0.05)).collect();
+//! let found = adjust(&start, &[Freedom::POSE; 4], &start_points, &observations, &BundleOptions::default()).unwrap();
+//! assert!(found.converged() && found.rms_px < 0.5);
+//! // Pixels leave place, rotation and scale of the whole open: compare after the best similarity.
+//! let errors = camera_errors(&found.cameras, &truth, AlignmentOptions { scale: true, robust: false }).unwrap();
+//! assert!(errors.centres.iter().all(|it| *it < 0.003), "3 mm at 3 m are half a pixel: {:?}", errors.centres);
+//! ```
 
 mod columns;
 pub mod correlated;
@@ -35,72 +66,72 @@ pub use self::equations::Posed;
 pub use self::timing::{AdjustedWithClocks, ClockFreedom, ClockGauge, ClockShift, Timing, adjust_with_clocks};
 use crate::camera::{Camera, CameraError};
 
-/// A point seen by a camera.
+/// One observation of a point by a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// Which point.
+    /// Index of the point.
     pub point: usize,
-    /// Where it was seen, raw [px].
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
     /// Standard deviation of either coordinate [px].
     pub sigma_px: f64,
 }
 
-/// Two points whose distance is known.
+/// A known distance between two points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownLength {
-    /// Which two; no point may be in two lengths.
+    /// Indices of the points; each point may be in one length only.
     pub points: [usize; 2],
-    /// Their distance [m].
+    /// Distance [m].
     pub length: f64,
-    /// Its standard deviation, independent of that of other lengths [m].
+    /// Standard deviation of the distance, independent of that of other lengths [m].
     pub sigma: f64,
 }
 
-/// What is known beside pixels.
+/// What is known besides the pixels.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Known<'a> {
-    /// Of points.
+    /// Known distances between points.
     pub lengths: &'a [KnownLength],
-    /// By camera, or none at all; of what is held it says nothing.
+    /// Priors of the optics by camera, or empty; without effect on held parameters.
     pub optics: &'a [OpticsPrior],
-    /// By point, or none at all: which stretch of time it is of, counted from 0; both points of a length are of one. Covariances then state what
-    /// residuals show: errors within a stretch may hang together, and each lens may have a smooth error that the model does not know. Without,
-    /// each pixel's error is taken for independent and as large as its σ.
+    /// Stretch of time of each point, counted from 0, or empty; both points of a length share one. With stretches,
+    /// covariances come from the residuals: errors within a stretch may be correlated, and each lens may have a smooth
+    /// error beyond the model. Without, each pixel's error is assumed independent and as large as its σ.
     pub stretches: &'a [usize],
 }
 
-/// How what pixels leave open is settled: where the origin is, how the axes lie, how long a metre is.
+/// Gauge of the covariance: how origin, axes and scale are fixed, which pixels alone do not determine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Gauge {
-    /// All cameras share it: the scene stays where it was as a whole, and the covariance is the least that any choice allows.
+    /// Free network: all cameras share the gauge, the scene as a whole stays where it was, and the covariance is the smallest of all gauges.
     Inner,
-    /// The centres of all cameras share it, their turns do not count: what the best similarity between found and true centres leaves.
+    /// The centres of all cameras share the gauge, their rotations do not count: as errors after the best similarity between found and true centres.
     Centres,
-    /// The pose of `reference` and the distance of the centres of `reference` and `other` stay as they were, without error. Where
-    /// lengths are known, the distance does not stay, and the covariance is that of [`Gauge::Inner`].
+    /// The pose of `reference` and its distance to the centre of `other` are kept without error. With known lengths,
+    /// the distance is adjusted and the covariance is that of [`Gauge::Inner`].
     Cameras {
-        /// The camera whose pose stays.
+        /// The camera whose pose is kept.
         reference: usize,
-        /// The camera whose distance stays.
+        /// The camera whose distance is kept.
         other: usize,
     },
 }
 
-/// How to go about it.
+/// Options of [`adjust`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BundleOptions {
-    /// What a pixel error costs, in its standard deviations.
+    /// Robust loss of a pixel error, in its standard deviations.
     pub loss: Loss,
-    /// See [`Gauge`]; of no effect when held cameras fix everything.
+    /// Gauge of the covariance; without effect when held cameras fix everything.
     pub gauge: Gauge,
-    /// Steps tried at most [–].
+    /// Most iterations [–].
     pub max_iterations: u32,
-    /// Done when the next step promises less than this part of the cost [–].
+    /// Convergence: stop when the predicted reduction of the next step is below this part of the cost [–].
     pub relative_gain: f64,
-    /// Whether covariances are wanted; with hundreds of cameras they take longer than the rest.
+    /// Whether to compute covariances; with hundreds of cameras they take longer than the rest.
     pub covariance: bool,
 }
 
@@ -110,26 +141,26 @@ impl Default for BundleOptions {
     }
 }
 
-/// What [`adjust`] found.
+/// The adjusted scene with residuals and covariances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjusted {
     /// The cameras, in the order given.
     pub cameras: Vec<Camera>,
-    /// The points, in the order given; those with fewer than two usable observations are where they were.
+    /// The points, in the order given; those with fewer than two usable observations keep their start.
     pub points: Vec<Point3<f64>>,
     /// By observation: seen − measured; `None` when the camera cannot see the point [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
-    /// Root of the mean squared length of the residuals in use [px].
+    /// Root mean square length of the residuals in use [px].
     pub rms_px: f64,
-    /// Observations that were left out since their camera did not see the point at the start, or no other camera saw it.
+    /// Indices of observations that were not used: their camera does not see the point at the start, or no other camera observes it.
     pub left_out: Vec<usize>,
     /// ½ Σ ρ at the start and after each accepted step.
     pub costs: Vec<f64>,
-    /// Why it ended.
+    /// Why the search ended.
     pub stop: Stop,
-    /// Steps tried, rejected ones included.
+    /// Iterations, rejected steps included.
     pub iterations: u32,
-    /// By camera, if asked for.
+    /// By camera, if requested.
     pub covariance: Option<Result<Vec<CameraCovariance>, UnobservableParameters>>,
 }
 
@@ -140,57 +171,57 @@ impl Adjusted {
     }
 }
 
-/// How well a camera is known in the chosen gauge, if pixels are as good as their σ; 0 for what is held.
+/// Covariance of a camera in the chosen gauge, if the σ of the pixels are right; 0 for held parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraCovariance {
-    /// Of `camera_from_world`, in the order and the update of `docs/notation.md`.
+    /// Covariance of `camera_from_world`, in the order and the update of `docs/notation.md`.
     pub pose: Matrix6<f64>,
-    /// Of the centre in the world [m²].
+    /// Covariance of the centre in the world [m²].
     pub centre: Matrix3<f64>,
     /// Standard deviations of the optics.
     pub optics: OpticsSigma,
 }
 
-/// Parameters that the pixels do not hold, beside the gauge.
+/// Parameters that the pixels do not determine, beside the gauge.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the pixels leave open: {}", parameters.iter().map(|(camera, name)| format!("{name} of camera {camera}")).collect::<Vec<_>>().join(", "))]
+#[error("unobservable from the pixels: {}", parameters.iter().map(|(camera, name)| format!("{name} of camera {camera}")).collect::<Vec<_>>().join(", "))]
 pub struct UnobservableParameters {
-    /// Camera and name of the parameter; each cannot be told from those of cameras before it.
+    /// Camera and name of the parameter; each is undetermined given the parameters before it.
     pub parameters: Vec<(usize, &'static str)>,
 }
 
-/// Why there is no answer.
+/// Why there is no adjustment.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BundleError {
-    /// Not as many of one as of the other.
-    #[error("{cameras} cameras and {freedoms} lists of what is free, expected as many of each")]
+    /// Lists of different lengths.
+    #[error("{cameras} cameras and {freedoms} freedoms, expected as many of each")]
     LengthsDiffer {
-        /// How many cameras.
+        /// Number of cameras.
         cameras: usize,
-        /// How many lists.
+        /// Number of freedoms.
         freedoms: usize,
     },
-    /// A camera with a number that is none.
+    /// A camera that cannot be used.
     #[error("camera {camera}: {fault}")]
     BadCamera {
-        /// Which.
+        /// Index of the camera.
         camera: usize,
-        /// What is wrong.
+        /// The fault of the camera.
         fault: CameraError,
     },
-    /// A point with a number that is none.
+    /// A point with a number that is NaN or infinite.
     #[error("point {point} is not finite")]
     BadPoint {
-        /// Which.
+        /// Index of the point.
         point: usize,
     },
-    /// An observation of nothing, by nobody, or without σ.
+    /// An observation of an unknown camera or point, or with a pixel or σ that cannot be used.
     #[error(
         "observation {observation} is of camera {camera}, point {point}, pixel {pixel}, sigma {sigma_px} px; expected a camera below \
          {cameras}, a point below {points}, finite numbers and a sigma above 0 px"
     )]
     BadObservation {
-        /// Which.
+        /// Index of the observation.
         observation: usize,
         /// Its camera.
         camera: usize,
@@ -200,81 +231,79 @@ pub enum BundleError {
         pixel: Point2<f64>,
         /// Its sigma [px].
         sigma_px: f64,
-        /// How many cameras there are.
+        /// Number of cameras.
         cameras: usize,
-        /// How many points there are.
+        /// Number of points.
         points: usize,
     },
-    /// Nothing to adjust by.
+    /// No point is observed by two cameras.
     #[error("no point is seen by two cameras ({observations} observations)")]
     NothingShared {
-        /// How many were given.
+        /// Number of observations.
         observations: usize,
     },
-    /// A clock that cannot be adjusted, or by which nothing can.
+    /// Timing that cannot be used.
     #[error("clocks: {found}, expected {expected}")]
     BadTiming {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: &'static str,
     },
     /// Cameras of a gauge that do not exist, are the same, or stand in the same place.
-    #[error(
-        "the gauge wants the distance of cameras {reference} and {other}, expected two of {cameras} in different places"
-    )]
+    #[error("the gauge names cameras {reference} and {other}, expected two of {cameras} in different places")]
     BadGauge {
-        /// The camera whose pose stays.
+        /// The camera whose pose is kept.
         reference: usize,
-        /// The camera whose distance stays.
+        /// The camera whose distance is kept.
         other: usize,
-        /// How many there are.
+        /// Number of cameras.
         cameras: usize,
     },
-    /// A length of nothing, or of a point that has one already.
+    /// A known length with an impossible value, or of a point that has one already.
     #[error(
         "length {index} is {length} with sigma {sigma} between points {} and {}, expected numbers above 0 and two of {count} points \
          that no other length has", points[0], points[1]
     )]
     BadLength {
-        /// Which.
+        /// Index of the length.
         index: usize,
-        /// Its points.
+        /// Indices of its points.
         points: [usize; 2],
         /// Its value [m].
         length: f64,
         /// Its standard deviation [m].
         sigma: f64,
-        /// How many points there are.
+        /// Number of points.
         count: usize,
     },
-    /// Optics that are known of too few cameras, or not to any sigma.
+    /// Priors that do not match the cameras, or have a σ that is not above 0.
     #[error("known optics: {found}, expected {expected}")]
     BadPrior {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: &'static str,
     },
-    /// Stretches of time that are not one for each point.
+    /// Stretches of time that do not match the points.
     #[error("stretches of time: {found}, expected {expected}")]
     BadStretches {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: &'static str,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected a finite number above 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option out of range.
+    #[error("{option} is {found}, expected a finite number above 0")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
+        /// Value that was found.
         found: f64,
     },
 }
 
-/// Adjusts what `freedoms` leaves free in `cameras`, and all `points`, to `observations`.
+/// Adjusts the free parameters of `cameras` (by `freedoms`) and all `points` to `observations`.
 ///
 /// # Errors
 /// See [`BundleError`].
@@ -288,9 +317,9 @@ pub fn adjust(
     adjust_knowing(cameras, freedoms, points, observations, &Known::default(), options)
 }
 
-/// As [`adjust`], with more that is known. A length counts as one more residual, under the same loss; the start has to be in the unit of
-/// the lengths, to within a small part. Lengths of points that fewer than two cameras see do not count. What is known of optics counts as
-/// residuals under no loss.
+/// As [`adjust`], with prior knowledge. A known length is one more residual under the same loss; the start must have
+/// nearly the right scale. Lengths of points that fewer than two cameras see are ignored. Priors of the optics are
+/// residuals without loss.
 ///
 /// # Errors
 /// See [`BundleError`].
@@ -329,7 +358,10 @@ fn check_stretches(points: usize, known: &Known<'_>) -> Result<(), BundleError> 
 fn check_optics(cameras: usize, known: &[OpticsPrior]) -> Result<(), BundleError> {
     let count = known.len();
     if count != 0 && count != cameras {
-        return Err(BundleError::BadPrior { found: format!("{count} of {cameras} cameras"), expected: "none, or all" });
+        return Err(BundleError::BadPrior {
+            found: format!("{count} of {cameras} cameras"),
+            expected: "none, or one for each camera",
+        });
     }
     for (index, prior) in known.iter().enumerate() {
         prior.camera.check().map_err(|fault| BundleError::BadCamera { camera: index, fault })?;
@@ -365,10 +397,10 @@ pub(crate) fn check(
         return Err(BundleError::LengthsDiffer { cameras: cameras.len(), freedoms });
     }
     if let Some(found) = options.loss.bad_scale() {
-        return Err(BundleError::BadRule { rule: "the scale of the loss", found });
+        return Err(BundleError::BadOption { option: "scale of the loss", found });
     }
     if !(options.relative_gain.is_finite() && options.relative_gain > 0.0) {
-        return Err(BundleError::BadRule { rule: "relative_gain", found: options.relative_gain });
+        return Err(BundleError::BadOption { option: "relative_gain", found: options.relative_gain });
     }
     for (index, camera) in cameras.iter().enumerate() {
         camera.check().map_err(|fault| BundleError::BadCamera { camera: index, fault })?;

@@ -1,4 +1,4 @@
-//! Disturbed rooms put right again, covariances held against errors, and what must be refused.
+//! Disturbed rooms adjusted back, covariances compared with errors, and refusals.
 
 use foveate_estimation::Random;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
@@ -329,7 +329,7 @@ fn bad_input_is_refused_by_place() {
     let loss = Loss::Huber { scale: f64::NAN };
     assert!(matches!(
         refused(&room.truth, points, observations, &BundleOptions { loss, ..options }),
-        BundleError::BadRule { .. }
+        BundleError::BadOption { .. }
     ));
 }
 
@@ -493,7 +493,7 @@ fn what_is_known_roughly_of_optics_is_in_the_uncertainty_of_the_rest() {
         n += 4;
     }
     let (squares, held) = (squares / f64::from(n), held / f64::from(n));
-    // χ² of one degree of freedom; focal lengths of one room hang together, so that its mean is good to some 0.3.
+    // χ² of one degree of freedom; focal lengths of one room are correlated, so that its mean is good to some 0.3.
     assert!((0.6..1.4).contains(&squares), "{squares}");
     assert!(held > 2.0 * squares, "taken for certain, the guess does harm that nothing tells of: {held}");
 }

@@ -1,9 +1,10 @@
-//! Clocks of cameras as further unknowns of the adjustment.
+//! Bundle adjustment with the cameras' clocks as further unknowns.
 //!
-//! A pixel that moves by `velocity` [px/s] was taken at a time that is not quite that of its point. If the light is to be looked for `shift_s`
-//! later in that camera, its pixel is measured + velocity · shift to the first order, so that the residual is
-//! seen − (measured + velocity · (offset + drift · time)). Callers whose shifts are not small look the pixels up again at the new times and adjust
-//! again. A delay common to all cameras moves all points along their path and cannot be seen: one camera keeps its clock.
+//! A pixel that moves by `velocity` [px/s] was taken at a time that differs a little from that of its point. If that
+//! camera sees the light `shift_s` later, its pixel is measured + velocity · shift to first order, so that the
+//! residual is seen − (measured + velocity · (offset + drift · time)). Where shifts are not small, callers interpolate
+//! the pixels again at the new times and adjust again. A delay common to all cameras moves all points along their
+//! paths and is unobservable: one camera keeps its clock.
 
 use nalgebra::{DMatrix, Point3, Vector2};
 
@@ -11,7 +12,7 @@ use super::search::{self, FoundClocks};
 use super::{Adjusted, BundleError, BundleOptions, Freedom, Known, Observation, check, check_stretches};
 use crate::camera::Camera;
 
-/// What of a camera's clock is adjusted.
+/// Which parameters of a camera's clock are adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ClockFreedom {
     /// A constant shift.
@@ -21,34 +22,34 @@ pub struct ClockFreedom {
 }
 
 impl ClockFreedom {
-    /// The clock is known.
+    /// The clock is held.
     pub const NONE: ClockFreedom = ClockFreedom { offset: false, drift: false };
-    /// A constant shift only.
+    /// An offset only.
     pub const OFFSET: ClockFreedom = ClockFreedom { offset: true, drift: false };
-    /// Both.
+    /// Offset and drift.
     pub const BOTH: ClockFreedom = ClockFreedom { offset: true, drift: true };
 }
 
-/// Whose clock the others are stated against.
+/// The clock that the others refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClockGauge {
-    /// One camera's, which is not free and has no error.
+    /// The clock of one camera, which is held and has no error.
     Camera(usize),
-    /// The mean of all that are free, whose shifts then add up to 0. Points stay those of the first free camera's clock: the difference is
-    /// along their paths.
+    /// The mean of all free clocks, whose shifts then add up to 0. Points stay in the time of the first free camera's
+    /// clock; the difference is along their paths.
     Mean,
 }
 
-/// When pixels were taken, how fast they move, and whose clock is free.
+/// Times and velocities of the pixels, and which clocks are free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timing<'a> {
-    /// By observation: how fast its pixel moves in the image [px/s].
+    /// By observation: velocity of the pixel in the image [px/s].
     pub velocities: &'a [Vector2<f64>],
-    /// By observation: its time, by which drifts are multiplied; near 0 in the middle of the recording is best [s].
+    /// By observation: its time, by which drifts are multiplied; best near 0 in the middle of the recording [s].
     pub times_s: &'a [f64],
-    /// By camera.
+    /// By camera: which clock parameters are free.
     pub free: &'a [ClockFreedom],
-    /// See [`ClockGauge`].
+    /// The clock that the others refer to.
     pub gauge: ClockGauge,
 }
 
@@ -93,30 +94,30 @@ impl Timing<'_> {
     }
 }
 
-/// How a camera's clock was moved.
+/// Adjusted clock of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ClockShift {
-    /// Pixels are to be looked up this much later in the camera's time, at time 0 [s].
+    /// Offset at time 0: the camera's pixels are to be read this much later in its time [s].
     pub offset_s: f64,
-    /// And this much more for each second [–].
+    /// Drift: additional offset for each second [–].
     pub drift: f64,
-    /// Standard deviation of `offset_s`, if pixels are as good as their σ; 0 for a clock that is not free, infinite when the data leave
-    /// something open, NaN when no covariance was asked for [s].
+    /// Standard deviation of `offset_s`, if the σ of the pixels are right; 0 for a clock that is held, infinite when a
+    /// parameter is unobservable, NaN when no covariance was requested [s].
     pub offset_sigma_s: f64,
-    /// Of `drift`, likewise [–].
+    /// Standard deviation of `drift`, likewise [–].
     pub drift_sigma: f64,
 }
 
-/// What [`adjust_with_clocks`] found.
+/// The scene and clocks found by [`adjust_with_clocks`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct AdjustedWithClocks {
-    /// Everything else; residuals are those after the shift.
+    /// The adjusted scene; residuals are those after the shift.
     pub adjusted: Adjusted,
-    /// By camera.
+    /// Clock of each camera.
     pub clocks: Vec<ClockShift>,
 }
 
-/// As [`super::adjust`], with clocks adjusted as well; `stretches` as in [`Known::stretches`].
+/// As [`super::adjust`], and also adjusts clocks; `stretches` as in [`Known::stretches`].
 ///
 /// # Errors
 /// See [`BundleError`].

@@ -1,4 +1,4 @@
-//! The essential matrices that five pairs of lines of sight admit: at most ten.
+//! The five-point algorithm: the essential matrices, at most ten, of five pairs of lines of sight.
 //!
 //! Source: H. Stewénius, C. Engels, D. Nistér, "Recent developments on direct relative orientation", ISPRS Journal 60(4), 2006.
 //!

@@ -1,12 +1,13 @@
-//! How two cameras stand to one another, from pixels of the same points, up to the length between them.
+//! Relative pose of two cameras from pixels of the same points, up to the length of the baseline.
 //!
-//! Essential matrices of five pairs each, drawn at random, are tried on all pairs (RANSAC with truncated squares of Sampson's
-//! distance); the best one gives the pose under which most points lie in front of both cameras, and that is adjusted
-//! with its points ([`crate::bundle`], Cauchy's loss). Source: R. Hartley and A. Zisserman, *Multiple View Geometry in Computer
-//! Vision*, 2nd ed. 2004, §9.6 and §11.4.3 (Sampson's distance), and the one named in `five_points`.
+//! RANSAC over essential matrices of five pairs each, with truncated squares of Sampson's distance; the best one gives
+//! the pose under which most points lie in front of both cameras, which is then adjusted with its points
+//! ([`crate::bundle`], Cauchy's loss). Source: R. Hartley and A. Zisserman, *Multiple View Geometry in Computer
+//! Vision*, 2nd ed. 2004, §9.6 and §11.4.3 (Sampson's distance), and the source of `five_points`.
 //!
-//! The optics are known. Points in a plane are no obstacle, but say so ([`TwoViews::planar_share`]): wrong optics cannot be told
-//! from right ones there. Refused: a light that stays in place or moves on a line in either picture, and cameras in one place.
+//! The optics are known. Points in a plane are allowed, and reported ([`TwoViews::planar_share`]), since wrong optics
+//! cannot be detected with them. Refused: points in one place or on a line in either picture, and cameras in one
+//! place.
 
 mod five_points;
 
@@ -17,16 +18,16 @@ use crate::bundle::{BundleOptions, Freedom, Observation, adjust};
 use crate::camera::Camera;
 use crate::ray::{Ray, closest_approach};
 
-/// How to go about it.
+/// Options of [`relative_pose`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpipolarOptions {
-    /// Of either coordinate of a right pixel, standard deviation [px].
+    /// Pixel noise of inliers, standard deviation of either coordinate [px].
     pub sigma_px: f64,
-    /// A pair of pixels is right when both are at most this far from their point's [px].
+    /// A pair is an inlier when both pixels are at most this far from their point's projection [px].
     pub inlier_px: f64,
-    /// Right pairs that are needed, at least 6 [–].
+    /// Least number of inliers, at least 6 [–].
     pub min_right: usize,
-    /// Quintuples that are drawn at most; fewer when enough pairs agree early [–].
+    /// RANSAC trials at most; fewer when enough pairs agree early [–].
     pub trials: u32,
 }
 
@@ -36,72 +37,72 @@ impl Default for EpipolarOptions {
     }
 }
 
-/// What [`relative_pose`] found.
+/// The relative pose of two cameras with its inliers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TwoViews {
-    /// Takes points in camera a to points in camera b; its translation has length 1.
+    /// Maps points in camera a to points in camera b; its translation has length 1.
     pub b_from_a: Isometry3<f64>,
-    /// By pair: the point in camera a, if the pair is a right one, in units of the baseline.
+    /// By pair: the point in camera a in units of the baseline, `None` for outliers.
     pub points_in_a: Vec<Option<Point3<f64>>>,
-    /// How many pairs are right.
+    /// Number of inliers.
     pub n_right: usize,
-    /// Part of the right pairs that one plane explains; near 1 when the light moved in a plane [–].
+    /// Part of the inliers that one plane explains; near 1 when the points lie in a plane [–].
     pub planar_share: f64,
-    /// Median angle at which the two lines of sight of a point meet [rad].
+    /// Parallax: median angle between the two lines of sight of a point [rad].
     pub parallax_rad: f64,
 }
 
-/// Why there is no answer.
+/// Why there is no relative pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum EpipolarError {
     /// Lists of different lengths.
     #[error("{in_a} pixels of camera a and {in_b} of camera b, expected as many of each")]
     LengthsDiffer {
-        /// Of a.
+        /// Pixels of camera a.
         in_a: usize,
-        /// Of b.
+        /// Pixels of camera b.
         in_b: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected more than 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option out of range.
+    #[error("{option} is {found}, expected more than 0")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
+        /// Value that was found.
         found: f64,
     },
-    /// Not enough pairs with lines of sight.
+    /// Too few pairs with lines of sight.
     #[error("{count} usable pairs of pixels, expected at least {needed}")]
     TooFew {
-        /// How many have a line of sight in both cameras.
+        /// Pairs with a line of sight in both cameras.
         count: usize,
-        /// How many are needed.
+        /// Pairs that are needed.
         needed: usize,
     },
-    /// The light stayed in place, or moved on a line, in one of the pictures.
+    /// The points lie in one place, or on a line, in one of the pictures.
     #[error("the pixels lie on a line or in one place: their spread across it is {spread_px:.2} px")]
     Collinear {
         /// Standard deviation across the line [px].
         spread_px: f64,
     },
-    /// No pose explains enough pairs.
+    /// No pose has enough inliers.
     #[error(
         "no pose found in {trials} trials explains more than {agreeing} of {count} pairs, expected at least {needed}"
     )]
     NoConsensus {
-        /// Quintuples drawn.
+        /// RANSAC trials.
         trials: u32,
-        /// Right pairs of the best pose.
+        /// Inliers of the best pose.
         agreeing: usize,
-        /// All pairs.
+        /// Number of pairs.
         count: usize,
-        /// How many are needed.
+        /// Inliers that are needed.
         needed: usize,
     },
-    /// The cameras stand in one place, or all points are far away.
-    #[error("the lines of sight of a point meet at {parallax_rad:.1e} rad only, which is within the noise: no depth")]
+    /// The cameras stand in one place, or all points are too far away.
+    #[error("the parallax is {parallax_rad:.1e} rad, which is within the noise: no depth")]
     NoDepth {
-        /// Median angle [rad].
+        /// Median parallax [rad].
         parallax_rad: f64,
     },
 }
@@ -110,7 +111,8 @@ pub enum EpipolarError {
 const CONFIDENCE: f64 = 0.999;
 const LEAST_TRIALS: f64 = 10.0;
 
-/// Finds how camera `b` stands to camera `a` (whose own poses do not matter) from pixels of the same points.
+/// Relative pose of `b` with respect to `a` (whose own poses are not used) from pixels of the same points. `below(n)`
+/// draws a random whole number from 0 to n − 1.
 ///
 /// # Errors
 /// See [`EpipolarError`].
@@ -123,9 +125,9 @@ pub fn relative_pose(
     if pixels_a.len() != pixels_b.len() {
         return Err(EpipolarError::LengthsDiffer { in_a: pixels_a.len(), in_b: pixels_b.len() });
     }
-    for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
+    for (option, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(EpipolarError::BadRule { rule, found });
+            return Err(EpipolarError::BadOption { option, found });
         }
     }
     let needed = options.min_right.max(6);

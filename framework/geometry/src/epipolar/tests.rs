@@ -102,5 +102,5 @@ fn what_fixes_no_pose_is_refused_with_the_reason() {
     let broken = Scene { cameras: good.cameras.clone(), pixels: broken };
     assert_eq!(refused(&broken), EpipolarError::TooFew { count: 0, needed: 8 });
     let bad = EpipolarOptions { sigma_px: -1.0, ..options };
-    assert_eq!(found(&good, &bad).unwrap_err(), EpipolarError::BadRule { rule: "sigma_px", found: -1.0 });
+    assert_eq!(found(&good, &bad).unwrap_err(), EpipolarError::BadOption { option: "sigma_px", found: -1.0 });
 }

@@ -1,18 +1,20 @@
-//! Many points and the small errors of the poses that they are seen from, together.
+//! Joint triangulation: many points together with small errors of the poses that they are seen from.
 //!
-//! A camera on a head that moves is known to a tenth of a degree at best. Points from different pairs of such cameras then do not fit together
-//! [Davis 2002 §5.2], which takes all of them from one pair. Here the errors of the poses are unknowns as the points are: the points are many,
-//! rigid or not, and seen by several cameras at one moment, which leaves them little freedom.
+//! The pose of a camera on a moving head is known to a tenth of a degree at best. Points from different pairs of such
+//! cameras then do not fit together [Davis 2002 §5.2], where all points are therefore taken from one pair. Here the
+//! pose errors are estimated together with the points: the points are many, rigid or not, and seen by several cameras
+//! at one moment, which constrains the few pose errors well.
 //!
 //! | here | meaning | unit |
 //! |---|---|---|
 //! | `step` (ε) | error of a camera's pose: a turn about its own centre, and a shift, both in world axes: `camera_from_world` ∘ T(c) exp(ε) T(−c) | rad, m |
-//! | `prior` (Λ) | inverse of what is known of ε beforehand | |
+//! | `prior` (Λ) | inverse of the prior covariance of ε | |
 //! | residual of an observation | pixel − π(camera ⊕ ε, point), whitened by its covariance | – |
 //!
-//! Minimises Σ ρ(‖rᵢ‖²) + Σ εᵀ Λ ε by Gauss–Newton steps; points are eliminated (Schur), so that a step costs as much as its 6 unknowns a camera. ρ is
-//! Huber's, its bend at a multiple of the residuals' own spread while they shrink. Then the worst sight of a point that three or more cameras
-//! agree about without it is left out, and a point seen by two that do not agree is left out whole.
+//! Minimises Σ ρ(‖rᵢ‖²) + Σ εᵀ Λ ε by Gauss–Newton steps; points are eliminated (Schur complement), so that a step
+//! solves for 6 unknowns a camera. ρ is Huber's loss, its bend at a multiple of the residuals' own spread while they
+//! shrink. Then the worst observation of a point is left out where three or more cameras agree without it; a point
+//! seen by two cameras that do not agree is left out whole.
 
 mod solve;
 #[cfg(test)]
@@ -25,40 +27,40 @@ use crate::camera::Camera;
 use crate::triangulate::triangulate_rays;
 use solve::{Equations, rigid_parts};
 
-/// From where points were seen.
+/// A camera picture with an uncertain pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Viewpoint {
-    /// The camera, at the pose that it is thought to have.
+    /// The camera at its assumed pose.
     pub camera: Camera,
-    /// Of δ in `camera_from_world` ∘ exp(δ), (rotation, translation) [rad², rad m, m²]; may be singular.
+    /// Covariance of δ in `camera_from_world` ∘ exp(δ), (rotation, translation) [rad², rad m, m²]; may be singular.
     pub covariance: Matrix6<f64>,
 }
 
-/// One point in one picture.
+/// An observation of one point in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointObservation {
-    /// Which viewpoint.
+    /// Index of the viewpoint.
     pub viewpoint: usize,
-    /// Which point.
+    /// Index of the point.
     pub point: usize,
-    /// Where [px].
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
-    /// Of that [px²].
+    /// Covariance of the pixel [px²].
     pub covariance: Matrix2<f64>,
 }
 
-/// What [`triangulate_jointly`] assumes.
+/// Options of [`triangulate_jointly`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointOptions {
-    /// Whether the poses have errors at all; otherwise the points alone are found.
+    /// Whether to estimate pose errors; otherwise only the points.
     pub estimate_poses: bool,
-    /// What a viewpoint's covariance leaves out: standard deviation of a turn about the camera's centre [rad] …
+    /// Added to each viewpoint's covariance: standard deviation of a rotation about the camera's centre [rad].
     pub rotation_floor: f64,
-    /// … and of a shift [m].
+    /// Added to each viewpoint's covariance: standard deviation of a shift [m].
     pub translation_floor: f64,
-    /// What the covariances of the observations leave out: a standard deviation for both directions [px].
+    /// Added to the covariances of the observations: standard deviation of both coordinates [px].
     pub pixel_floor: f64,
-    /// An observation farther off than this many standard deviations is wrong.
+    /// An observation farther off than this is an outlier [σ].
     pub outlier_sigmas: f64,
 }
 
@@ -74,62 +76,67 @@ impl Default for JointOptions {
     }
 }
 
-/// A point and how well it is known.
+/// A triangulated point with covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointPoint {
-    /// In the world [m].
+    /// Position in the world [m].
     pub position: Point3<f64>,
-    /// What is uncertain of it beside what is uncertain of all points as a whole [m²].
+    /// Covariance of the position, without the error that all points have in common [m²].
     pub covariance: Matrix3<f64>,
 }
 
-/// What [`triangulate_jointly`] found.
+/// Points and poses found by [`triangulate_jointly`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// By number; `None` for those that fewer than two cameras see, or see alike.
+    /// By index of the point; `None` for points that fewer than two cameras see, or see in agreement.
     pub points: Vec<Option<JointPoint>>,
-    /// The viewpoints' cameras at the poses that were found.
+    /// The viewpoints' cameras at their estimated poses.
     pub cameras: Vec<Camera>,
-    /// Middle of the points in the world [m].
+    /// Mean of the points in the world [m].
     pub middle: Point3<f64>,
-    /// Of δ of all points as a whole about [`Self::middle`], in world axes, (rotation, translation) [rad², rad m, m²].
+    /// Covariance of the common error of all points: δ of all points as a whole about [`Self::middle`], in world axes,
+    /// (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// By observation: its residual in standard deviations; `None` where it had no part: its point is not there, or it was left out.
+    /// By observation: residual in standard deviations; `None` where it was not used: its point is not there, or it was left out.
     pub residuals: Vec<Option<f64>>,
-    /// By observation: it does not agree with the others of its point.
+    /// By observation: whether it disagrees with the other observations of its point.
     pub disputed: Vec<bool>,
 }
 
-/// Why there is no answer.
+/// Why there is no solution.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum JointError {
-    /// A number of a viewpoint or a point that there is none of.
-    #[error("observation {index} is of viewpoint {viewpoint} of {viewpoints} and point {point} of {points}")]
+    /// An index of a viewpoint or a point that does not exist.
+    #[error(
+        "observation {index} names viewpoint {viewpoint} and point {point}, expected less than {viewpoints} and {points}"
+    )]
     NoSuch {
-        /// Which observation.
+        /// Index of the observation.
         index: usize,
         /// Its viewpoint.
         viewpoint: usize,
-        /// How many viewpoints there are.
+        /// Number of viewpoints.
         viewpoints: usize,
         /// Its point.
         point: usize,
-        /// How many points there are.
+        /// Number of points.
         points: usize,
     },
-    /// A pixel or covariance that is not one.
-    #[error("observation {index} has no finite pixel with a positive definite covariance")]
+    /// A pixel that is not finite, or a covariance that is not positive definite.
+    #[error(
+        "observation {index} has a pixel or covariance that cannot be used, expected a finite pixel and a positive definite covariance"
+    )]
     BadObservation {
-        /// Which observation.
+        /// Index of the observation.
         index: usize,
     },
-    /// A viewpoint's covariance that is not one.
+    /// A viewpoint's covariance that is not positive semidefinite.
     #[error("the covariance of viewpoint {index} is not positive semidefinite")]
     BadViewpoint {
-        /// Which viewpoint.
+        /// Index of the viewpoint.
         index: usize,
     },
-    /// No point is seen twice.
+    /// No point is seen by two cameras.
     #[error("no point is seen by two cameras")]
     NothingSeenTwice,
 }
@@ -145,7 +152,7 @@ const MOST_ROUNDS: usize = 4;
 /// Two lines of sight closer to parallel than this fix no depth: least over largest eigenvalue of a point's information.
 const FLATTEST: f64 = 1e-7;
 
-/// Finds the points, and the poses that they were seen from. At most one sight of a point from each viewpoint.
+/// Triangulates the points, and estimates the poses that they were seen from. Each viewpoint observes a point at most once.
 ///
 /// # Errors
 /// See [`JointError`].
@@ -297,7 +304,7 @@ impl<'a> Search<'a> {
             let odd = if observations.len() > 2 { self.odd_one_out(point, observations) } else { None };
             let left_out: Vec<usize> = match odd {
                 Some(odd) => vec![odd],
-                // Two observations, or several of which no subset agrees: who is right cannot be told.
+                // Two observations, or several of which no subset agrees: which one is right is unknown.
                 None => observations.iter().map(|it| it.0).collect(),
             };
             for index in left_out {
@@ -326,7 +333,7 @@ impl<'a> Search<'a> {
         };
         let best = observations.iter().filter_map(|it| without(it.0)).min_by(|a, b| a.2.total_cmp(&b.2))?;
         let (odd, meet, worst) = best;
-        // Of three, any two meet somewhere: only by a residual that is far larger is one of them told to be odd.
+        // Of three, any two meet somewhere: one of them is an outlier only with a far larger residual.
         let agrees = worst <= self.options.outlier_sigmas;
         if agrees {
             self.positions[point] = Some(meet);

@@ -1,4 +1,4 @@
-//! Balls on segments, the field that they make, and its derivatives.
+//! Metaballs on segments, their field, and its derivatives.
 //!
 //! The field is (8) with w₀ = 1: F = Σ exp(−2 dᵢ), and the surface is where F = w_t = 0.5 (15). We work with D = −½ ln F, which is dᵢ itself where one ball is alone and blends as F
 //! does, and with its root u = √D: for a sphere of effective radius L, u = |x| / L, so that (u − u₀) / |∇u| is the distance from the surface exactly, and for other shapes to first order (G. Taubin,
@@ -19,10 +19,10 @@ const UNFELT: f64 = 16.2;
 /// Below this D the root goes on as a straight line: inside a body, where many balls overlap, D falls below 0.
 const ROOT_FROM: f64 = 0.02;
 
-/// An ellipsoidal metaball, fixed to a segment: only its radii ([`State::radii`]) change.
+/// An ellipsoidal metaball, fixed to a segment; only its radii ([`State::radii`]) change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
-    /// The segment that carries it.
+    /// Index of the segment that carries it.
     pub segment: usize,
     /// Its centre in the segment's space, where that has the template's length [m].
     pub centre: Vector3<f64>,
@@ -30,12 +30,12 @@ pub struct Ball {
     pub segment_from_ball: UnitQuaternion<f64>,
 }
 
-/// A skeleton with balls.
+/// A body: a skeleton with metaballs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// What moves.
+    /// Its segments and joints.
     pub skeleton: Skeleton,
-    /// What fills it.
+    /// Its metaballs.
     pub balls: Vec<Ball>,
     /// By segment: its own balls.
     own: Vec<Vec<usize>>,
@@ -43,12 +43,12 @@ pub struct Body {
     near: Vec<Vec<usize>>,
 }
 
-/// The field about one point, as D.
+/// The field about one point, as D = −½ ln F.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldAt {
-    /// −½ ln F [–].
+    /// D [–].
     pub d: f64,
-    /// Of D by the point, in the world [1/m].
+    /// Gradient of D in the world [1/m].
     pub gradient: Vector3<f64>,
 }
 
@@ -63,7 +63,8 @@ impl FieldAt {
         (root + 0.5 * (self.d - ROOT_FROM) / root, 0.5 / root)
     }
 
-    /// Distance from the surface to first order, positive outside [m]; at a place without a gradient, such as the middle of a ball, what 1 / `most_per_m` allows.
+    /// Signed distance from the surface to first order, positive outside [m]; limited to `most_m` where the gradient
+    /// vanishes, such as in the middle of a ball.
     pub fn distance(&self, most_m: f64) -> f64 {
         let (root, by_d) = self.root();
         (root - VISIBLE) / (by_d * self.gradient.norm()).max(1.0 / most_m)
@@ -98,7 +99,7 @@ impl Ball {
 }
 
 impl Body {
-    /// A body of balls on a skeleton.
+    /// A body of metaballs on a skeleton.
     ///
     /// # Panics
     /// When a ball names a segment that does not exist.
@@ -146,7 +147,8 @@ impl Body {
         self.near.iter().filter_map(of).min_by(|a, b| a.d.total_cmp(&b.d))
     }
 
-    /// The segment whose bone a point is nearest to, bones being as thick as the balls on them, among those that carry balls: for a rough posture, where the field is far away.
+    /// The segment with the nearest bone to a point, bones being as thick as the balls on them; only segments with
+    /// balls. For a rough posture, where the field is far away.
     pub fn nearest_bone(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
         let away = |segment: usize| {
             let local = posed.world_from_segment[segment].inverse_transform_point(point).coords;
@@ -161,7 +163,7 @@ impl Body {
         nearest.map(|it| it.1)
     }
 
-    /// The segment whose own balls a point lies deepest in or nearest to, in metres: thick balls reach far in units of their radii.
+    /// The segment in whose own balls a point lies deepest, or to which it is nearest, in metres.
     pub fn nearest_segment(&self, posed: &Posed, state: &State, point: &Point3<f64>) -> Option<usize> {
         let most_m = self.thickness_m(state);
         let away = |(segment, own): (usize, &Vec<usize>)| {

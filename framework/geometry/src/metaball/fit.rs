@@ -1,24 +1,27 @@
-//! Angles, lengths and radii of a body from observations of several kinds, by least squares (9)–(15).
+//! Fits a metaball body to observations of several kinds: angles, lengths and radii by least squares (9)–(15).
 //!
 //! Observations of a kind have standard deviations in metres, which makes kinds commensurate (12). Two forms of the equation of a point on the surface:
 //!
 //! | [`ResidualKind`] | residual | |
 //! |---|---|---|
 //! | `Field` | F − w_t, over what F changes in one σ at the surface | the paper's (15) |
-//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts come in: stages 2 and 3 use it always |
+//! | `Distance` | (√D − √D₀) / |∇√D| over σ | distance to first order (module [`super::field`]); grows far away, so that rough starts converge: stages 2 and 3 always use it |
 //!
 //! The search has four stages, each from the end of the one before; from a near start ([`BodyFitOptions::rough`]) only the last:
 //!
-//! 1. joints that were clicked and points that are known on a segment say roughly how the body stands (§3.3);
-//! 2. the posture from all points with the shape held, each point being one of the nearest bone;
-//! 3. lengths, and how thick each limb is, along with it;
-//! 4. all: angles, lengths and radii together, or in turn as the paper prefers (§4.2), each point being one of the limb in whose field it lies deepest.
+//! 1. a rough posture from clicked joints and points known to lie on a segment (§3.3);
+//! 2. the posture from all points with the shape held, each point assigned to the nearest bone;
+//! 3. lengths, and the thickness of each limb, together with it;
+//! 4. all angles, lengths and radii together, or in turn as the paper does (§4.2), each point assigned to the limb in whose field it lies deepest.
 //!
-//! Stages go in rounds. A round decides which segment each point belongs to (in the last stage only until it is near its end), where each silhouette ray comes closest to the surface, |∇√D|, and how far residuals spread; then Levenberg and
-//! Marquardt search with those held. Residuals that spread wider than their standard deviations are divided by the spread: from a rough start all points are far off, and none is wrong.
+//! Stages run in rounds. A round assigns each point to a segment (in the last stage only until it nearly converged),
+//! finds where each silhouette ray comes closest to the surface, |∇√D|, and the spread of the residuals; then
+//! Levenberg–Marquardt runs with these held. Residuals that spread wider than their standard deviations are divided by
+//! the spread: from a rough start all points are far off, and none is an outlier.
 //!
-//! No body is made of metaballs. What the model cannot show is an error that neighbouring points have in common ([`BodyFitOptions::model_sigma_m`]): within a cell of
-//! [`BodyFitOptions::independent_m`] points count together as one, so that neither the density of a cloud decides nor covariances promise too much.
+//! No real body is made of metaballs. The model error is common to neighbouring points
+//! ([`BodyFitOptions::model_sigma_m`]): within a cell of [`BodyFitOptions::independent_m`] all points together count
+//! as one, so that the density of a cloud does not matter and covariances stay realistic.
 
 mod judge;
 mod round;
@@ -39,155 +42,156 @@ const COARSE_ROUNDS: u32 = 8;
 /// Fewer observations say nothing.
 const LEAST_OBSERVATIONS: usize = 3;
 
-/// What was seen of a body.
+/// An observation of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BodyObservation {
-    /// A point of the surface.
+    /// A point on the surface.
     Point {
-        /// Where, in the world [m].
+        /// Position in the world [m].
         at: Point3<f64>,
         /// Standard deviation across the surface [m].
         sigma_m: f64,
-        /// The segment that it is known to belong to; `None`: found out.
+        /// Index of the segment that it belongs to; `None`: to be estimated.
         segment: Option<usize>,
     },
-    /// A point that is fixed to a segment: a tracked point of the skin, a mark, a joint (`place` 0) that was clicked or comes from another body.
+    /// A point fixed to a segment: a tracked point of the skin, a mark, or a joint (`place` 0) that was clicked or comes from another body.
     Anchored {
-        /// Which segment.
+        /// Index of the segment.
         segment: usize,
-        /// Where in the segment's space, where that has the template's length [m].
+        /// Position in the segment's space, where that has the template's length [m].
         place: Vector3<f64>,
-        /// Where it was seen in the world [m].
+        /// Measured position in the world [m].
         at: Point3<f64>,
         /// Standard deviation of each axis [m].
         sigma_m: f64,
     },
-    /// A line of sight that touches the surface: a pixel of a silhouette's border.
+    /// A line of sight tangent to the surface: a pixel of a silhouette's border.
     Ray {
         /// The camera's centre [m].
         origin: Point3<f64>,
-        /// Into the scene.
+        /// Direction into the scene.
         direction: Unit<Vector3<f64>>,
         /// Standard deviation across the ray, at the body [m].
         sigma_m: f64,
     },
 }
 
-/// What form the equation of a point has.
+/// Form of the residual of a surface point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ResidualKind {
-    /// The value of the field, the paper's (15).
+    /// Value of the field, the paper's (15).
     #[default]
     Field,
-    /// Distance from the surface, to first order.
+    /// Distance from the surface to first order.
     Distance,
 }
 
-/// How the root may move.
+/// Freedom of the root.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FreedomOfRoot {
-    /// It turns and shifts.
+pub enum RootFreedom {
+    /// The root rotates and shifts.
     #[default]
     Free,
-    /// It shifts: for an arm by itself, whose shoulder's angles turn it.
+    /// The root shifts only: for a single arm, which is rotated by the angles of its shoulder.
     Shifts,
-    /// It stays.
+    /// The root is held.
     Held,
 }
 
-/// What is sought.
+/// Which parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Free {
-    /// Where the body is.
-    pub root: FreedomOfRoot,
-    /// How it is bent.
+    /// Pose of the root.
+    pub root: RootFreedom,
+    /// Joint angles.
     pub angles: bool,
-    /// How long its segments are.
+    /// Lengths of segments.
     pub scales: bool,
-    /// How thick they are.
+    /// Radii of balls.
     pub radii: bool,
 }
 
 impl Free {
     /// Posture and shape.
-    pub const ALL: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: true, radii: true };
+    pub const ALL: Free = Free { root: RootFreedom::Free, angles: true, scales: true, radii: true };
     /// Posture alone: a body whose shape is known.
-    pub const POSTURE: Free = Free { root: FreedomOfRoot::Free, angles: true, scales: false, radii: false };
+    pub const POSTURE: Free = Free { root: RootFreedom::Free, angles: true, scales: false, radii: false };
 }
 
-/// Where the root is known to be beforehand.
+/// Prior of the root's pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RootPrior {
-    /// There.
+    /// Mean pose.
     pub world_from_root: Pose,
-    /// Standard deviation of its turn about each axis [rad].
+    /// Standard deviation of the rotation about each axis [rad].
     pub turn_sigma: f64,
-    /// Standard deviation of its place along each axis [m].
+    /// Standard deviation of the position along each axis [m].
     pub shift_sigma: f64,
 }
 
-/// What is known beforehand. Empty lists: nothing.
+/// Prior knowledge of posture and shape. Empty lists: none.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Priors {
-    /// Where the body is.
+    /// Prior of the root's pose.
     pub root: Option<RootPrior>,
-    /// By angle: its mean and standard deviation [rad]; infinite: nothing is known of it.
+    /// By angle: mean and standard deviation [rad]; infinite: no prior.
     pub angles: Vec<(f64, f64)>,
-    /// By scale: its mean [–] and the standard deviation of its logarithm beside what all scales have in common [–].
+    /// By scale: mean [–], and standard deviation of its logarithm beside the part common to all scales [–].
     pub scales: Vec<(f64, f64)>,
-    /// Standard deviation of what the logarithms of all scales have in common: of how tall somebody is [–].
+    /// Standard deviation of the common part of the logarithms of all scales: stature [–].
     pub stature: f64,
-    /// What is known of the balls' radii.
+    /// Prior of the balls' radii.
     pub radii: Option<RadiiPrior>,
 }
 
-/// What is known of radii: how thick a limb is varies more from person to person than how round it is, and how its thickness varies along it.
+/// Prior of radii: the thickness of a limb varies more from person to person than its roundness, or its profile along the bone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadiiPrior {
-    /// By ball [m].
+    /// By ball: mean radii [m].
     pub means: Vec<Vector3<f64>>,
-    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y, beside what all have in common [–].
+    /// Standard deviation of the logarithm of a ball's thickness, the geometric mean of its radii along x and y,
+    /// beside the part common to all balls [–].
     pub thickness: f64,
-    /// Standard deviation of what the logarithms of the thicknesses of all balls have in common: of how stout and how dressed somebody is [–].
+    /// Standard deviation of the common part of the logarithms of all thicknesses: build and clothing [–].
     pub girth: f64,
     /// Standard deviation of the logarithm of the ratio of the thicknesses of neighbouring balls of a segment [–].
     pub evenness: f64,
     /// Standard deviation of the logarithm of the ratio of a ball's radii along x and y [–].
     pub roundness: f64,
-    /// Standard deviation of the logarithm of its radius along the bone [–].
+    /// Standard deviation of the logarithm of a ball's radius along the bone [–].
     pub reach: f64,
 }
 
-/// How a fit is done.
+/// Options of [`fit_body`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyFitOptions {
-    /// What is sought.
+    /// Parameters to estimate.
     pub free: Free,
-    /// The equation of points.
+    /// Form of the residual of surface points.
     pub residual: ResidualKind,
-    /// Shape and posture in turn, as the paper does it.
+    /// Whether to estimate shape and posture in turn, as the paper does.
     pub in_turn: bool,
-    /// The start may be far off: stages 1 to 3 go first.
+    /// Whether the start may be far off: stages 1 to 3 run first.
     pub rough: bool,
-    /// What residuals cost: wrong points should hardly pull.
+    /// Robust loss of the residuals.
     pub loss: Loss,
-    /// Rounds at most [–].
+    /// Most rounds [–].
     pub max_rounds: u32,
-    /// Steps of the search at most, in each round [–].
+    /// Most iterations in each round [–].
     pub max_iterations: u32,
-    /// Done when a round moves no point of the surface by more, root mean square [m].
+    /// Convergence: a round moves the surface by no more, root mean square [m].
     pub settled_m: f64,
-    /// How firmly the limits of joints hold: standard deviation of what an angle may be beyond them [rad].
+    /// Softness of joint limits: standard deviation of an angle beyond its limit [rad].
     pub limit_sigma: f64,
-    /// Standard deviation of the surface of a person from the best body of metaballs, added to that of points and rays [m].
+    /// Model error: standard deviation between the surface of a person and the best metaball body, added to that of points and rays [m].
     pub model_sigma_m: f64,
-    /// The same added at a joint between two segments, where skin bulges and cloth wrinkles as no blend of balls does; it fades over [`Self::joint_reach_m`] [m].
+    /// Additional model error at a joint between two segments, where skin bulges and cloth wrinkles; it fades over [`Self::joint_reach_m`] [m].
     pub joint_sigma_m: f64,
-    /// At this distance from a joint, along the bone, that is e⁻¹ of what it is at the joint [m].
+    /// Distance from a joint, along the bone, at which that error has fallen to e⁻¹ [m].
     pub joint_reach_m: f64,
-    /// Points that lie closer together have that error in common [m].
+    /// Points closer together than this share their model error [m].
     pub independent_m: f64,
-    /// Points farther from the surface than so many σ belong to no segment, when the fit is judged [σ].
+    /// Points farther from the surface are outliers when the fit is judged [σ].
     pub outlier_sigmas: f64,
 }
 
@@ -212,69 +216,69 @@ impl Default for BodyFitOptions {
     }
 }
 
-/// A fitted body.
+/// A fitted body with its residuals and diagnostics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyFit {
-    /// Posture and shape.
+    /// Fitted posture and shape.
     pub state: State,
-    /// Of a step in the order of [`Columns`], wrong points weighted down; or which parameters the observations leave open.
+    /// Covariance of a step in the order of [`Columns`], with outliers weighted down; or the unobservable parameters.
     pub covariance: Result<DMatrix<f64>, Unobservable>,
-    /// By observation: distance from the surface, positive outside, or from the anchor; NaN where no segment is near [m].
+    /// By observation: signed distance from the surface, positive outside, or distance from the anchor; NaN where no segment is near [m].
     pub distances_m: Vec<f64>,
-    /// By observation: the segment that it belongs to.
+    /// By observation: index of the segment that it was assigned to.
     pub segments: Vec<Option<usize>>,
-    /// Root mean square of the distances that are not outliers [m].
+    /// Root mean square of the distances without outliers [m].
     pub rms_m: f64,
-    /// Observations farther off than [`BodyFitOptions::outlier_sigmas`].
+    /// Number of outliers: observations farther off than [`BodyFitOptions::outlier_sigmas`].
     pub outliers: usize,
-    /// Of the points and rays of a surface, the share that is farther off [–].
+    /// Share of the surface points and rays that are farther off [–].
     pub off_share: f64,
-    /// Observations before the joint of a segment that is cut there: of what the model does not have.
+    /// Number of observations beyond the joint of a cut segment, which belong to parts that the model lacks.
     pub beyond: usize,
-    /// By segment: how many observations it has that are independent of each other, outliers left out [–].
+    /// By segment: number of its independent observations without outliers [–].
     pub support: Vec<f64>,
-    /// Why not to believe it.
+    /// Reasons to distrust the fit.
     pub doubts: Vec<Doubt>,
-    /// Rounds that were made.
+    /// Number of rounds.
     pub rounds: u32,
-    /// Steps that were tried, over all rounds.
+    /// Iterations over all rounds.
     pub iterations: u32,
-    /// Whether the last round moved next to nothing.
+    /// Whether the last round converged.
     pub settled: bool,
 }
 
 /// Why there is no fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BodyFitError {
-    /// Not enough to go by.
+    /// Too few observations.
     #[error("{found} observations of a body, expected {expected} at least")]
     TooFew {
-        /// How many there are.
+        /// Number that was found.
         found: usize,
-        /// How many it takes.
+        /// Number that is needed.
         expected: usize,
     },
-    /// One that cannot be used.
+    /// An observation that cannot be used.
     #[error(
         "observation {index} is of {what}, expected finite numbers, a standard deviation above 0 and a segment of the body"
     )]
     Unfit {
-        /// Which, counted from 0.
+        /// Index of the observation.
         index: usize,
-        /// What is wrong.
+        /// Its values.
         what: String,
     },
-    /// Lists of another body.
+    /// Lists that do not match the body.
     #[error("{what}: {found}, expected {expected} as the body has")]
     OtherBody {
         /// Which list.
         what: &'static str,
-        /// Its length.
+        /// Length that was found.
         found: usize,
-        /// What it should be.
+        /// Length that was expected.
         expected: usize,
     },
-    /// The search itself.
+    /// The solver failed.
     #[error(transparent)]
     Solve(#[from] SolveError),
 }
@@ -306,7 +310,7 @@ struct Search<'a> {
 /// Fits `body` to observations, from `start`.
 ///
 /// # Errors
-/// See [`BodyFitError`]. A body that was found and is not to be believed is no error: see [`BodyFit::doubts`].
+/// See [`BodyFitError`]. An implausible fit is no error: see [`BodyFit::doubts`].
 pub fn fit_body(
     body: &Body,
     observations: &[BodyObservation],
@@ -328,7 +332,7 @@ pub fn fit_body(
         settled_m: COARSELY_SETTLED_M,
         rounds: COARSE_ROUNDS,
     };
-    if options.rough && (free.angles || free.root != FreedomOfRoot::Held) {
+    if options.rough && (free.angles || free.root != RootFreedom::Held) {
         search.anchors_alone(&coarse)?;
         let girth = priors.radii.as_ref().map_or(0.0, |it| it.girth);
         if (free.scales || free.radii) && priors.stature + girth > 0.0 {
@@ -385,7 +389,7 @@ impl Search<'_> {
             }
             Ok::<_, SolveError>(())
         };
-        if coarse.free.root == FreedomOfRoot::Free {
+        if coarse.free.root == RootFreedom::Free {
             for turn in turns_of_axes() {
                 let mut state = self.state.clone();
                 state.world_from_root.rotation *= turn;
@@ -463,7 +467,7 @@ impl Search<'_> {
         // From far away distances lead in; near the surface either form does.
         let residual = if stage.belongs == Belongs::Bone { ResidualKind::Distance } else { self.options.residual };
         let Free { root, angles, scales, radii } = stage.free;
-        let shape = Free { root: FreedomOfRoot::Held, angles: false, scales, radii };
+        let shape = Free { root: RootFreedom::Held, angles: false, scales, radii };
         let posture = Free { root, angles, scales: false, radii: false };
         let turns: &[Free] = if self.options.in_turn { &[posture, shape] } else { &[stage.free] };
         let options = BodyFitOptions { residual, ..self.options.clone() };
@@ -517,8 +521,8 @@ fn turns_of_axes() -> impl Iterator<Item = UnitQuaternion<f64>> {
 /// The parameters that stay.
 fn held(columns: &Columns, free: &Free) -> Vec<usize> {
     let spans = [
-        (0, 3, free.root == FreedomOfRoot::Free),
-        (3, 6, free.root != FreedomOfRoot::Held),
+        (0, 3, free.root == RootFreedom::Free),
+        (3, 6, free.root != RootFreedom::Held),
         (6, columns.scale(0), free.angles),
         (columns.scale(0), columns.radius(0, 0), free.scales),
         (columns.radius(0, 0), columns.len(), free.radii),
@@ -532,9 +536,9 @@ fn check(body: &Body, observations: &[BodyObservation], start: &State, priors: &
         ("angles of the start", start.angles.len(), skeleton.n_angles(), false),
         ("scales of the start", start.scales.len(), skeleton.n_scales(), false),
         ("radii of the start", start.radii.len(), body.balls.len(), false),
-        ("angles known beforehand", priors.angles.len(), skeleton.n_angles(), true),
-        ("scales known beforehand", priors.scales.len(), skeleton.n_scales(), true),
-        ("radii known beforehand", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
+        ("prior angles", priors.angles.len(), skeleton.n_angles(), true),
+        ("prior scales", priors.scales.len(), skeleton.n_scales(), true),
+        ("prior radii", priors.radii.as_ref().map_or(0, |it| it.means.len()), body.balls.len(), true),
     ];
     for (what, found, expected, may_be_empty) in lists {
         if found != expected && !(may_be_empty && found == 0) {

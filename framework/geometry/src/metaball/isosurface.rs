@@ -1,4 +1,4 @@
-//! The isosurface of a body as a closed mesh.
+//! The isosurface of a body as a closed mesh: marching tetrahedra.
 //!
 //! Marching tetrahedra (A. Doi, A. Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral cells", IEICE Transactions E74(1), 1991): each cube of the grid is six tetrahedra
 //! about the diagonal from its lowest to its highest corner, cut alike in neighbouring cubes. A tetrahedron has no ambiguous case, so that each edge of the mesh belongs to exactly two triangles, however
@@ -17,7 +17,7 @@ use crate::surface::{SurfaceVertex, TriangleMesh};
 
 /// Grid points along the side of a block.
 const SIDE: i32 = 8;
-/// Vertices keep this part of an edge away from its ends: triangles without area help nobody [–].
+/// Vertices keep this part of an edge away from its ends: to avoid triangles without area [–].
 const LEAST_PART: f64 = 0.02;
 /// A block that is all outside, or all inside.
 const UNLIKE: f32 = 1.0;
@@ -190,7 +190,7 @@ impl Growing {
     }
 }
 
-/// The isosurface of the whole body's field, sampled every `voxel_m` [m]: closed, each edge between two triangles, counter-clockwise from outside.
+/// The surface of the whole body, sampled every `voxel_m` [m]: a closed mesh, each edge shared by two triangles, counter-clockwise from outside.
 pub fn surface(body: &Body, state: &State, voxel_m: f64) -> TriangleMesh {
     let posed = body.skeleton.pose(state);
     let is_sound = |it: f64| it.is_finite() && it > 0.0;

@@ -1,10 +1,10 @@
-//! Bodies of metaballs on a skeleton of single-angle joints, fitted to points, trajectories and silhouettes.
+//! Metaball bodies on a skeleton of single-angle joints, fitted to points, trajectories and silhouettes.
 //!
 //! Source: N. D'Apuzzo, R. Plänkers, P. Fua, A. Gruen, D. Thalmann, "Modeling human bodies from video sequences", SPIE 3641, 1999, §3–4. Equation numbers are the paper's.
 //!
 //! | file | what it gives |
 //! |---|---|
-//! | [`skeleton`] | segments and their degrees of freedom; where each stands for given angles and lengths (1)–(3) |
+//! | [`skeleton`] | segments, degrees of freedom and forward kinematics (1)–(3) |
 //! | [`field`] | the balls, the field of a body and its derivatives (4)–(8) |
 //! | [`fit`] | angles, lengths and radii from observations of several kinds (9)–(15) |
 //! | [`people`] | the skeleton of a person and of an arm, with three balls a limb |
@@ -13,7 +13,7 @@
 //!
 //! | here | paper | meaning | unit |
 //! |---|---|---|---|
-//! | `State::world_from_root`, `angles` | S_motion | where the body is and how it is bent | rad, m |
+//! | `State::world_from_root`, `angles` | S_motion | posture: pose of the root and joint angles | rad, m |
 //! | `State::scales` | s in (3) | length of a segment over that of the template | – |
 //! | `State::radii` | L = (lx, ly, lz) | effective radii of a ball | m |
 //! | `Ball::squared_distance` | d (7) | squared distance in units of the radii | – |
@@ -31,8 +31,8 @@ mod tests;
 
 pub use field::{Ball, Body, THRESHOLD};
 pub use fit::{
-    BodyFit, BodyFitError, BodyFitOptions, BodyObservation, Doubt, Free, FreedomOfRoot, Priors, RadiiPrior,
-    ResidualKind, RootPrior, fit_body,
+    BodyFit, BodyFitError, BodyFitOptions, BodyObservation, Doubt, Free, Priors, RadiiPrior, ResidualKind, RootFreedom,
+    RootPrior, fit_body,
 };
 pub use isosurface::surface;
 pub use people::{Side, anthropometric, arm, person};

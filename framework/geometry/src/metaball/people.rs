@@ -234,7 +234,8 @@ fn down() -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI)
 }
 
-/// An arm by itself, hanging straight down from the world's origin, of a person of `height` [m]. Its root is at the shoulder and turns with the upper arm: x forward, y right, z down the arm.
+/// A single arm of a person of `height` [m], hanging straight down from the world's origin. Its root is at the
+/// shoulder and turns with the upper arm: x forward, y right, z down the arm.
 pub fn arm(side: Side, height: f64) -> (Body, State) {
     let mut build = Build::default();
     build.arm(side, None, height, [0, 1, 2]);
@@ -293,7 +294,7 @@ pub fn person(height: f64) -> (Body, State) {
     build.finish(Isometry3::translation(0.0, 0.0, HIP_HEIGHT * h))
 }
 
-/// What is known of people of whom `start` is a rough example, before anybody looks: `start`'s posture to a radian and 0.1 m.
+/// Anthropometric priors about a rough `start`: its posture to a radian and 0.1 m.
 ///
 /// Lengths of limbs vary by some 6 % about parts of a height that is itself known roughly, girths by 10 to 15 % (C. Gordon et al., *2012 Anthropometric Survey of U.S. Army Personnel*, 2014:
 /// coefficients of variation of acromion–radiale length 6 %, of forearm and biceps circumference 9 to 12 %), to which clothing adds.
@@ -316,8 +317,8 @@ pub fn anthropometric(start: &State) -> Priors {
 }
 
 impl Body {
-    /// The same body with `n` balls along the bone of a segment in place of those that it has, each as thick as the surface is there: more primitives, for a finer shape once the rough one is known
-    /// (the refinement that the paper's §5 plans).
+    /// The same body with `n` balls along the bone of one segment in place of its own, each as thick as the surface is
+    /// there: a finer shape once the rough one is known (the refinement planned in the paper's §5).
     ///
     /// # Panics
     /// When the segment does not exist or `n` is 0.
@@ -365,7 +366,8 @@ impl Body {
         state
     }
 
-    /// Half the thickness of a limb across its bone, `along` it and along `axis` of the segment's space [m]: what the trunk adds where a limb comes out of it is left out.
+    /// Half the thickness of a limb across its bone, `along` the bone and along `axis` of the segment's space [m],
+    /// without the trunk's share where a limb joins it.
     pub fn thickness_at(&self, state: &State, segment: usize, along: f64, axis: Vector3<f64>) -> f64 {
         let posed = self.skeleton.pose(state);
         let is_on_bone =

@@ -1,7 +1,8 @@
-//! Segments joined by joints of one angle each, and where they stand.
+//! A skeleton of segments with single-angle joints, and its forward kinematics.
 //!
-//! A segment's space has its origin in the joint that joins it to its parent, and its bone along +z. An articulation of several angles is several degrees of freedom of one
-//! segment, applied one after the other (§3.2). The paper turns each about the local z axis after a permutation of the axes; a turn about the permuted axis is the same matrix.
+//! A segment's space has its origin in the joint to its parent, and its bone along +z. A joint with several angles is
+//! several degrees of freedom of one segment, applied one after the other (§3.2). The paper turns each about the local
+//! z axis after a permutation of the axes; a turn about the permuted axis is the same matrix.
 //!
 //! | here | paper | meaning | unit |
 //! |---|---|---|---|
@@ -13,16 +14,16 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use crate::Pose;
 
-/// One angle of a joint.
+/// A degree of freedom: one angle of a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dof {
     /// Name in results: `elbow_flexion`.
     pub name: String,
-    /// What it turns about, in the segment's own space before this turn.
+    /// Axis of the rotation, in the segment's own space before it.
     pub axis: Unit<Vector3<f64>>,
-    /// Least angle of a healthy adult [rad].
+    /// Lower limit for a healthy adult [rad].
     pub lowest: f64,
-    /// Largest angle of a healthy adult [rad].
+    /// Upper limit for a healthy adult [rad].
     pub highest: f64,
 }
 
@@ -31,23 +32,23 @@ pub struct Dof {
 pub struct Segment {
     /// Name in results: `forearm_left`.
     pub name: String,
-    /// The segment that it hangs on, by number, which is lower than its own; `None`: the root.
+    /// Index of the parent segment, lower than its own; `None`: the root.
     pub parent: Option<usize>,
-    /// Its joint in the parent's space, where the parent has the template's length [m].
+    /// Position of its joint in the parent's space, where the parent has the template's length [m].
     pub joint_in_parent: Vector3<f64>,
-    /// The turn of its space in the parent's where all angles are 0.
+    /// Orientation of its space in the parent's where all angles are 0.
     pub parent_from_rest: UnitQuaternion<f64>,
     /// Its angles, applied in this order, outermost first.
     pub dofs: Vec<Dof>,
-    /// Distance from its joint to its end, of the template [m].
+    /// Length from its joint to its end, of the template [m].
     pub length: f64,
-    /// Which of [`State::scales`] stretches it: segments of left and right may share one.
+    /// Index of its length in [`State::scales`]: segments of left and right may share one.
     pub scale: usize,
-    /// The body goes on before its joint, and the model does not: what lies there is no surface of it.
+    /// Whether the real body goes on beyond its joint and the model does not: observations there are ignored.
     pub cut: bool,
 }
 
-/// Segments that hang together.
+/// A tree of segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Skeleton {
     segments: Vec<Segment>,
@@ -57,65 +58,65 @@ pub struct Skeleton {
     n_scales: usize,
 }
 
-/// What is wrong with a skeleton.
+/// Why segments do not make a skeleton.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SkeletonError {
-    /// No segment at all.
+    /// No segment.
     #[error("a skeleton without segments, expected a root at least")]
     Empty,
-    /// The first one has a parent, or another one has none before it.
-    #[error("segment {name} hangs on {found:?}, expected {expected}")]
+    /// The first segment has a parent, or another one has none before it.
+    #[error("segment {name} has the parent {found:?}, expected {expected}")]
     Parent {
-        /// Of the segment.
+        /// Name of the segment.
         name: String,
-        /// Its parent.
+        /// Index of its parent.
         found: Option<usize>,
-        /// What may stand there.
+        /// What was expected.
         expected: String,
     },
-    /// Two segments or angles of one name.
-    #[error("two segments or angles have the name {name}, expected one")]
+    /// Two segments or angles with one name.
+    #[error("two segments or angles have the name {name}, expected different names")]
     Name {
-        /// Of both.
+        /// The name.
         name: String,
     },
-    /// A number that cannot be.
+    /// A number out of range.
     #[error("{what} of {name} is {found}, expected {expected}")]
     Number {
         /// Which number.
         what: &'static str,
-        /// Of the segment or angle.
+        /// Name of the segment or angle.
         name: String,
-        /// Its value.
+        /// Value that was found.
         found: f64,
-        /// What may stand there.
+        /// What was expected.
         expected: &'static str,
     },
 }
 
-/// How a body stands, and its size.
+/// Posture and shape of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// Where the root's space is.
+    /// Pose of the root.
     pub world_from_root: Pose,
-    /// By degree of freedom, segment by segment [rad].
+    /// Joint angles by degree of freedom, segment by segment [rad].
     pub angles: Vec<f64>,
-    /// Lengths of segments over those of the template, above 0 [–].
+    /// Lengths of segments relative to the template, above 0 [–].
     pub scales: Vec<f64>,
     /// Effective radii of the balls, along their own axes, above 0 [m].
     pub radii: Vec<Vector3<f64>>,
 }
 
-/// A skeleton in a posture.
+/// A skeleton in a posture: poses of all segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posed {
-    /// Where the root's space is.
+    /// Pose of the root.
     pub world_from_root: Pose,
-    /// By segment.
+    /// Pose of each segment.
     pub world_from_segment: Vec<Pose>,
-    /// By degree of freedom: the axis that its angle turns about, and a point on it [m].
+    /// By degree of freedom: its axis and a point on it, in the world [m].
     pub axes: Vec<(Vector3<f64>, Point3<f64>)>,
-    /// By segment but the root: what its joint is off the parent's, in the world, with lengths as they are [m].
+    /// By segment except the root: vector from the parent's joint to its own, in the world, with the actual lengths [m].
     pub bones: Vec<Vector3<f64>>,
 }
 
@@ -171,7 +172,7 @@ impl Skeleton {
         &self.segments
     }
 
-    /// The number of a segment.
+    /// Index of the segment of this name.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.segments.iter().position(|it| it.name == name)
     }
@@ -181,35 +182,35 @@ impl Skeleton {
         self.segments.iter().flat_map(|it| &it.dofs)
     }
 
-    /// Which of [`State::angles`] are those of a segment.
+    /// Indices in [`State::angles`] of a segment's angles.
     pub fn angles_of(&self, segment: usize) -> std::ops::Range<usize> {
         let first = self.first_angle[segment];
         first..first + self.segments[segment].dofs.len()
     }
 
-    /// How many angles there are.
+    /// Number of angles.
     pub fn n_angles(&self) -> usize {
         self.n_angles
     }
 
-    /// How many lengths there are.
+    /// Number of scales.
     pub fn n_scales(&self) -> usize {
         self.n_scales
     }
 
-    /// A segment and all that it hangs on, up to the root.
+    /// A segment and its ancestors, up to the root.
     pub fn chain(&self, segment: usize) -> impl Iterator<Item = usize> + '_ {
         std::iter::successors(Some(segment), |it| self.segments[*it].parent)
     }
 
-    /// Where each segment stands (2).
+    /// Forward kinematics: the pose of each segment (2).
     ///
     /// # Panics
-    /// When `state` is one of another skeleton.
+    /// When `state` does not match the skeleton.
     pub fn pose(&self, state: &State) -> Posed {
         assert!(
             state.angles.len() == self.n_angles && state.scales.len() == self.n_scales,
-            "the state of another skeleton"
+            "the state does not match the skeleton"
         );
         let mut posed = Posed {
             world_from_root: state.world_from_root,
@@ -238,12 +239,12 @@ impl Skeleton {
         posed
     }
 
-    /// Where the joint of a segment is [m].
+    /// Position of a segment's joint [m].
     pub fn joint(&self, posed: &Posed, segment: usize) -> Point3<f64> {
         Point3::from(posed.world_from_segment[segment].translation.vector)
     }
 
-    /// Where the bone of a segment ends [m].
+    /// Position of the end of a segment's bone [m].
     pub fn end(&self, posed: &Posed, state: &State, segment: usize) -> Point3<f64> {
         let Segment { length, scale, .. } = self.segments[segment];
         posed.world_from_segment[segment] * Point3::new(0.0, 0.0, length * state.scales[scale])
@@ -282,7 +283,7 @@ impl Skeleton {
     }
 }
 
-/// The numbers of the parameters in a step: turn and shift of the root, angles, logarithms of scales, logarithms of radii ball by ball.
+/// Order of the parameters in a step: rotation and shift of the root, angles, logarithms of scales, logarithms of radii ball by ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Columns {
     n_angles: usize,
@@ -291,32 +292,32 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Of a state.
+    /// The order for a state.
     pub fn of(state: &State) -> Columns {
         Columns { n_angles: state.angles.len(), n_scales: state.scales.len(), n_balls: state.radii.len() }
     }
 
-    /// Of an angle.
+    /// Index of an angle.
     pub fn angle(&self, angle: usize) -> usize {
         6 + angle
     }
 
-    /// Of the logarithm of a scale.
+    /// Index of the logarithm of a scale.
     pub fn scale(&self, scale: usize) -> usize {
         6 + self.n_angles + scale
     }
 
-    /// Of the logarithm of a radius.
+    /// Index of the logarithm of a radius.
     pub fn radius(&self, ball: usize, axis: usize) -> usize {
         6 + self.n_angles + self.n_scales + 3 * ball + axis
     }
 
-    /// How many there are.
+    /// Number of parameters.
     pub fn len(&self) -> usize {
         self.radius(self.n_balls, 0)
     }
 
-    /// Never: the root moves.
+    /// Always `false`: the root has parameters.
     pub fn is_empty(&self) -> bool {
         false
     }

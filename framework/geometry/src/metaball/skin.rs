@@ -6,19 +6,20 @@ use super::field::Body;
 use super::skeleton::State;
 use crate::surface::{SurfaceVertex, TriangleMesh};
 
-/// One patch: a grid of control points, closed around the limb, and its tessellation.
+/// A B-spline patch around one segment: its grid of control points, closed around the limb, and its tessellation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodySkin {
-    /// The segment that it covers.
+    /// Index of the segment.
     pub segment: usize,
-    /// Control points: by cross-section along the bone, then around it [m].
+    /// Control points, by cross-section along the bone, then around it [m].
     pub control: Vec<Vec<Point3<f64>>>,
     /// The patch as triangles.
     pub mesh: TriangleMesh,
 }
 
-/// A B-spline patch for each segment that carries balls: control points where rays from the bone leave the surface, `sections` of them along the bone and `around` about it; each span of the uniform
-/// bicubic B-spline is divided `divide` times. Ends of a patch reach its control points.
+/// A B-spline patch for each segment with balls: control points where rays from the bone leave the surface, `sections`
+/// of them along the bone and `around` about it; each span of the uniform bicubic B-spline is divided `divide` times.
+/// Ends of a patch reach its control points.
 ///
 /// # Panics
 /// When there are fewer than 2 sections, 3 rays or 1 division.

@@ -235,7 +235,7 @@ fn start_near(truth: &LoftArm) -> (Body, State) {
     (body, start)
 }
 
-/// Priors of somebody, of whose arm's direction nothing is known.
+/// Priors of a person, without one for the direction of the arm.
 fn priors(start: &State) -> Priors {
     let mut priors = anthropometric(start);
     priors.root.iter_mut().for_each(|it| it.turn_sigma = 2.0);
@@ -398,7 +398,7 @@ fn twist_of_the_forearm_comes_from_tracked_points() {
     };
     let observations: Vec<_> = (0..8).map(seen).collect();
     let options =
-        BodyFitOptions { free: Free { root: FreedomOfRoot::Held, ..Free::POSTURE }, ..BodyFitOptions::default() };
+        BodyFitOptions { free: Free { root: RootFreedom::Held, ..Free::POSTURE }, ..BodyFitOptions::default() };
     let fit = fit_body(&body, &observations, &start, &anthropometric(&start), &options).unwrap();
     assert!((fit.state.angles[twist] - 0.5).abs() < 0.01, "{:?}", fit.state.angles);
     assert!(fit.distances_m.iter().all(|it| *it < 1e-3));
@@ -462,7 +462,7 @@ fn joints_stay_within_their_limits() {
         })
         .collect();
     let options =
-        BodyFitOptions { free: Free { root: FreedomOfRoot::Held, ..Free::POSTURE }, ..BodyFitOptions::default() };
+        BodyFitOptions { free: Free { root: RootFreedom::Held, ..Free::POSTURE }, ..BodyFitOptions::default() };
     let fit = fit_body(&body, &observations, &start, &anthropometric(&start), &options).unwrap();
     assert!(fit.state.angles[flexion] > -0.1, "{:?}", fit.state.angles);
 }

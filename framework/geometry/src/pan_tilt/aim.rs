@@ -1,8 +1,8 @@
-//! The setting at which a target is in the middle of the image.
+//! Aiming: the pan and tilt at which a target is in the middle of the image.
 //!
-//! [`sweep`] finds all settings that have it there, [`nearest`] those that come closest. [Davis 2002 §4.3] descends from the present setting instead,
-//! in order to keep to one of several solutions; here the nearest one is taken, which is the same for a target that moves continuously, and
-//! finds also targets far away.
+//! [`sweep`] finds all settings with the target in the middle, [`nearest`] those that come closest. [Davis 2002 §4.3]
+//! descends from the present setting instead, to keep to one of several solutions; here the solution nearest to the
+//! present setting is taken, which is the same for a target that moves continuously, and also finds targets far away.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -17,69 +17,69 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-/// A setting that looks at a target, or comes close.
+/// A setting that looks at a target, or comes closest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aim {
-    /// Where the head has to stand; its zoom is the one that was asked for or chosen.
+    /// Pan and tilt of the head; the zoom is the requested or chosen one.
     pub setting: Setting,
     /// Distance of the target from the middle of the image [px]; infinite where the camera does not see it.
     pub off_centre_px: f64,
-    /// From the lens to the target [m].
+    /// Distance from the lens to the target [m].
     pub distance: f64,
-    /// Steps of the search [–].
+    /// Iterations of the search [–].
     pub iterations: u32,
 }
 
 /// Why a head cannot look at a target.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Obstacle {
-    /// The setting exists, but not within the limits.
-    #[error("it is out of the limits by {:.1}° of pan and {:.1}° of tilt", pan.to_degrees(), tilt.to_degrees())]
+    /// The setting is beyond the limits.
+    #[error("the setting is beyond the limits by {:.1}° of pan and {:.1}° of tilt", pan.to_degrees(), tilt.to_degrees())]
     OutOfLimits {
         /// Angle beyond the nearer limit of pan, negative below it; 0 within [rad].
         pan: f64,
-        /// The same of tilt [rad].
+        /// Angle beyond the nearer limit of tilt, negative below it; 0 within [rad].
         tilt: f64,
     },
-    /// As before, and at no setting within the limits is the target even in front of the camera.
-    #[error("it is behind the camera wherever the limits let that look")]
+    /// The setting is beyond the limits, and within them the target is always behind the camera.
+    #[error("it is behind the camera at every setting within the limits")]
     Behind,
-    /// The axes lie such that the line of sight sweeps past the target: it is too near the axis that stands still.
-    #[error("it is {:.1} mm from the axis that stands still, where the line of sight does not reach", 1e3 * distance)]
+    /// The target is too close to the fixed axis: the line of sight sweeps past it.
+    #[error("it is {:.1} mm from the fixed axis, where the line of sight does not reach", 1e3 * distance)]
     NearAxis {
-        /// Distance of the target from that axis [m].
+        /// Distance of the target from the fixed axis [m].
         distance: f64,
     },
-    /// Turning about one axis does what turning about the other does.
+    /// The two axes are parallel.
     #[error("the two axes are parallel within {:.2}°", angle.to_degrees())]
     ParallelAxes {
-        /// The angle between them [rad].
+        /// Angle between them [rad].
         angle: f64,
     },
-    /// The target is nearer to the axis that carries the camera than the lens.
-    #[error("it is {:.1} mm from the carried axis' foot, no further than the lens", 1e3 * distance)]
+    /// The target is closer to the carried axis than the lens.
+    #[error("it is {:.1} mm from the carried axis, closer than the lens", 1e3 * distance)]
     TooNear {
         /// Distance of the target from the point of the axis nearest to the lens [m].
         distance: f64,
     },
-    /// Bad input.
+    /// A number that is NaN or infinite.
     #[error("the target or the present setting is not finite")]
     NotFinite,
-    /// The lens model has no line of sight there.
+    /// The lens model has no line of sight in the middle of the image.
     #[error("the lens model has no line of sight in the middle of the image")]
     NoLineOfSight,
 }
 
-/// A target that a head cannot look at from where it stands.
+/// The target cannot be brought to the middle of the image.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("the target is out of reach: {reason}")]
 pub struct Unreachable {
-    /// Why.
+    /// Why not.
     pub reason: Obstacle,
     /// The setting within the limits that comes closest.
     pub nearest: Aim,
-    /// Another setting, far from the present one, that does look at the target: round the other way or turned over. Given while `nearest` still has
-    /// the target in the image.
+    /// Another setting, far from the present one, that does look at the target: the other way round or turned over.
+    /// Given while `nearest` still has the target in the image.
     pub other: Option<Setting>,
 }
 
@@ -88,24 +88,48 @@ const VANISHING: f64 = 1e-9;
 /// An angle beyond a limit by less is within it [rad].
 const ROUNDING: f64 = 1e-9;
 
-/// The setting at which `head` has `target_in_world` in the middle of its image, the nearest to `from` within the limits; the zoom is
-/// that of `from`.
+/// Aims a head: the setting nearest to `from`, within the limits, at which `target_in_world` is in the middle of the
+/// image. The zoom is that of `from`.
 ///
-/// Where the nearest setting of all is out of the limits, there may be another within them: round the other way, or turned over. It
-/// is taken unless that is a swing of a quarter turn or more and the head at its limit has the target in the image: so long the head stays
-/// ([`Unreachable::other`]). So a target that dithers about a limit does not make the head swing to and fro. On the outer axis, where any outer angle does, the present one stays.
+/// Where the nearest solution is beyond the limits, another may be within them: the other way round, or turned over.
+/// It is taken unless it needs a swing of a quarter turn or more while the head at its limit still has the target in
+/// the image; then the head stays ([`Unreachable::other`]), so that a target that hovers about a limit does not make
+/// the head swing to and fro. Where any angle of the fixed axis does, the present one is kept.
+///
+/// ```
+/// use foveate_geometry::Camera;
+/// use foveate_geometry::pan_tilt::{Limits, Obstacle, PanTiltHead, Setting, aim};
+/// use nalgebra::Point3;
+///
+/// // A head 2 m above the floor that looks along +Y with both angles at zero.
+/// let camera = Camera::look_at(Point3::new(0.0, 0.0, 2.0), Point3::new(0.0, 5.0, 2.0), [640, 480], 700.0);
+/// let head = PanTiltHead::aligned(camera, Limits::symmetric(2.9, 0.4));
+///
+/// let target = Point3::new(3.0, 3.0, 1.0); // ahead to the right, 1 m below the lens
+/// let found = aim(&head, &target, &Setting::default())?;
+/// assert!((found.setting.pan.to_degrees() - 45.0).abs() < 1e-6);
+/// assert!((found.setting.tilt + (1.0 / 18_f64.sqrt()).atan()).abs() < 1e-6);
+/// let pixel = head.camera_at(&found.setting).project(&target).unwrap();
+/// assert!((pixel - nalgebra::Point2::new(319.5, 239.5)).norm() < 1e-6);
+///
+/// // Nearly below the head: beyond the limits of tilt; the nearest setting is at the limit.
+/// let refused = aim(&head, &Point3::new(0.0, 1.0, 0.0), &Setting::default()).unwrap_err();
+/// assert!(matches!(refused.reason, Obstacle::OutOfLimits { .. }));
+/// assert!((refused.nearest.setting.tilt + 0.4).abs() < 1e-9);
+/// # Ok::<(), foveate_geometry::pan_tilt::Unreachable>(())
+/// ```
 ///
 /// # Errors
-/// [`Unreachable`], with the nearest there is.
+/// [`Unreachable`], with the setting that comes closest.
 pub fn aim(head: &PanTiltHead, target_in_world: &Point3<f64>, from: &Setting) -> Result<Aim, Unreachable> {
     Search::new(head, target_in_world, from).and_then(|it| it.run())
 }
 
-/// As [`aim`], with the zoom at which a sphere of `radius` [m] about the target reaches over the part `fill` of half the image's shorter side.
-/// Without a table of zoom positions it is [`aim`].
+/// As [`aim`], and chooses the zoom at which a sphere of `radius` [m] about the target fills the part `fill` of half
+/// the image's shorter side. Without a table of zoom positions it is [`aim`].
 ///
 /// # Errors
-/// [`Unreachable`], with the nearest there is.
+/// [`Unreachable`], with the setting that comes closest.
 pub fn aim_at_sphere(
     head: &PanTiltHead,
     centre_in_world: &Point3<f64>,

@@ -1,13 +1,13 @@
-//! An axis of rotation in space, with the four numbers that a line has.
+//! An axis of rotation in space: a line, with four parameters.
 
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3, Vector4};
 
-/// A line about which something turns, right-handed about its direction. Where on the line `point` lies has no effect.
+/// A line about which something rotates, right-handed about its direction. The position of `point` on the line has no effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
-    /// Any point of the line [m].
+    /// Any point on the line [m].
     pub point: Point3<f64>,
-    /// Along the line, of length 1.
+    /// Unit direction of the line.
     pub direction: Unit<Vector3<f64>>,
 }
 
@@ -18,20 +18,20 @@ impl Axis {
         Some(Axis { point: Point3::origin(), direction })
     }
 
-    /// The turn by `angle` [rad] about the axis: T R T⁻¹ of [Davis 2002 (2)].
+    /// The rotation by `angle` [rad] about the axis: T R T⁻¹ of [Davis 2002 (2)].
     #[inline]
     pub fn turn(&self, angle: f64) -> Isometry3<f64> {
         let rotation = UnitQuaternion::from_axis_angle(&self.direction, angle);
         Isometry3::from_parts((self.point.coords - rotation * self.point.coords).into(), rotation)
     }
 
-    /// The same axis with its `point` where it comes closest to `place`.
+    /// The same axis with its `point` at the foot of the perpendicular from `place`.
     pub fn footed_at(&self, place: &Point3<f64>) -> Axis {
         let along = (place - self.point).dot(&self.direction);
         Axis { point: self.point + self.direction.into_inner() * along, direction: self.direction }
     }
 
-    /// Two directions across the axis that make a right-handed frame with it: those in which [`Self::moved`] counts.
+    /// Two directions across the axis that make a right-handed frame with it, for the steps of [`Self::moved`].
     pub fn across(&self) -> [Vector3<f64>; 2] {
         let mut least = Vector3::zeros();
         least[self.direction.iamin()] = 1.0;
@@ -39,8 +39,7 @@ impl Axis {
         [first, self.direction.cross(&first)]
     }
 
-    /// The axis after a step of four numbers: turned about either direction of [`Self::across`] [rad], then its point moved
-    /// along them [m].
+    /// The axis after a step of four numbers: rotated about either direction of [`Self::across`] [rad], then its point shifted along them [m].
     pub fn moved(&self, step: &Vector4<f64>) -> Axis {
         let [first, second] = self.across();
         let turn = UnitQuaternion::from_scaled_axis(first * step[0] + second * step[1]);
@@ -48,7 +47,7 @@ impl Axis {
         Axis { point: self.point + first * step[2] + second * step[3], direction }
     }
 
-    /// The step by which [`Self::moved`] comes to the line of `other`; `None` when that is at a right angle or turned by more.
+    /// The step with which [`Self::moved`] reaches the line of `other`; `None` when that is at a right angle or beyond.
     pub fn step_to(&self, other: &Axis) -> Option<Vector4<f64>> {
         let cosine = self.direction.dot(&other.direction);
         if cosine.is_nan() || cosine <= 1e-9 {
@@ -69,7 +68,7 @@ impl Axis {
         self.direction.cross(&other.direction).norm().atan2(self.direction.dot(&other.direction).abs())
     }
 
-    /// How far the axis passes from `place` [m].
+    /// Distance of the line from `place` [m].
     pub fn distance_to(&self, place: &Point3<f64>) -> f64 {
         (place - self.point).cross(&self.direction).norm()
     }

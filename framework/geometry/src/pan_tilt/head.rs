@@ -1,4 +1,4 @@
-//! A camera on a head that pans and tilts: [Davis 2002 (2)].
+//! A camera on a pan-tilt head: kinematics [Davis 2002 (2)].
 
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Point2, Point3, Unit, Vector3};
 
@@ -9,37 +9,37 @@ use crate::camera::{Camera, CameraError};
 /// Which axis carries the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Stacking {
-    /// The pan axis stands still in the world and carries the tilt axis, as in nearly all heads.
+    /// The pan axis is fixed in the world and carries the tilt axis, as in nearly all heads.
     #[default]
     TiltOnPan,
-    /// The tilt axis stands still and carries the pan axis: equation (2) as it is written.
+    /// The tilt axis is fixed and carries the pan axis: equation (2) as it is written.
     PanOnTilt,
 }
 
-/// Where a head stands.
+/// Pan, tilt and zoom of a head.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Setting {
-    /// About the pan axis [rad].
+    /// Angle about the pan axis [rad].
     pub pan: f64,
-    /// About the tilt axis [rad].
+    /// Angle about the tilt axis [rad].
     pub tilt: f64,
     /// Position of the zoom drive in the units of the table; without it, or without a table, the optics are those at rest.
     pub zoom: Option<f64>,
 }
 
 impl Setting {
-    /// Without a zoom position; angles in rad.
+    /// A setting without a zoom position; angles in rad.
     pub fn new(pan: f64, tilt: f64) -> Setting {
         Setting { pan, tilt, zoom: None }
     }
 }
 
-/// Angles that a head can take, least and largest [rad].
+/// Lower and upper limits of the angles [rad].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Of pan.
+    /// Limits of pan.
     pub pan: [f64; 2],
-    /// Of tilt.
+    /// Limits of tilt.
     pub tilt: [f64; 2],
 }
 
@@ -50,17 +50,17 @@ impl Limits {
         tilt: [-std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2],
     };
 
-    /// ± these angles [rad].
+    /// Limits of ± these angles [rad].
     pub fn symmetric(pan: f64, tilt: f64) -> Limits {
         Limits { pan: [-pan, pan], tilt: [-tilt, tilt] }
     }
 
-    /// Whether both angles are allowed.
+    /// Whether both angles are within the limits.
     pub fn contain(&self, setting: &Setting) -> bool {
         (self.pan[0]..=self.pan[1]).contains(&setting.pan) && (self.tilt[0]..=self.tilt[1]).contains(&setting.tilt)
     }
 
-    /// The nearest angles that are allowed.
+    /// The nearest setting within the limits.
     pub fn clamp(&self, setting: &Setting) -> Setting {
         let [pan, tilt] =
             [(setting.pan, self.pan), (setting.tilt, self.tilt)].map(|(it, [low, high])| it.max(low).min(high));
@@ -68,8 +68,8 @@ impl Limits {
     }
 }
 
-/// How a device counts an angle: angle = (units − `at_rest`) · `rad_per_unit`. Where zero is has no meaning of its own: the camera
-/// at rest is what it is at `at_rest`.
+/// Unit and zero of an angle as the device counts it: angle = (units − `at_rest`) · `rad_per_unit`. The zero is a
+/// convention: the camera at rest is the camera at `at_rest`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisUnits {
     /// Angle of one unit [rad]; negative where the device counts against the direction of the axis.
@@ -114,39 +114,39 @@ pub struct PanTiltHead {
     pub zoom: Option<ZoomTable>,
 }
 
-/// Where a point is seen, and how that changes.
+/// Pixel of a point, with derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadProjection {
-    /// Where [px].
+    /// Projected pixel [px].
     pub pixel: Point2<f64>,
-    /// Derivative by pan and tilt [px/rad].
+    /// Derivative with respect to pan and tilt [px/rad].
     pub by_angles: Matrix2<f64>,
-    /// Derivative by the point in the world [px/m].
+    /// Derivative with respect to the point in the world [px/m].
     pub by_point: Matrix2x3<f64>,
 }
 
 /// Why a [`PanTiltHead`] cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeadError {
-    /// The camera at rest.
+    /// The camera at rest cannot be used.
     #[error("the camera at rest: {0}")]
     BadCamera(CameraError),
-    /// An axis with a number that is none, or without direction.
+    /// An axis with a number that is not finite, or without direction.
     #[error("the {axis} axis has point {point:?} and direction {direction:?}, expected finite numbers and length 1")]
     BadAxis {
-        /// Which.
+        /// Which axis.
         axis: &'static str,
-        /// Its point [m].
+        /// Point that was found [m].
         point: [f64; 3],
-        /// Its direction.
+        /// Direction that was found.
         direction: [f64; 3],
     },
-    /// Limits the wrong way round.
+    /// Limits in the wrong order.
     #[error("the limits of {axis} are {} to {} rad, expected the smaller one first", found[0], found[1])]
     BadLimits {
-        /// Of which axis.
+        /// Which axis.
         axis: &'static str,
-        /// Least and largest [rad].
+        /// Lower and upper limit [rad].
         found: [f64; 2],
     },
 }
@@ -159,7 +159,7 @@ impl PanTiltHead {
         PanTiltHead { at_rest, pan, tilt, stacking: Stacking::TiltOnPan, limits, zoom: None }
     }
 
-    /// The camera as it stands at `setting`, whether within the limits or not.
+    /// The camera at `setting`, also beyond the limits.
     pub fn camera_at(&self, setting: &Setting) -> Camera {
         Camera {
             camera_from_world: self.camera_from_rest(setting) * self.at_rest.camera_from_world,
@@ -167,7 +167,7 @@ impl PanTiltHead {
         }
     }
 
-    /// Takes points in the space of the camera at rest to points in the camera at `setting`.
+    /// Maps points in the space of the camera at rest to points in the camera at `setting`.
     #[inline]
     pub fn camera_from_rest(&self, setting: &Setting) -> Isometry3<f64> {
         let (pan, tilt) = (self.pan.turn(-setting.pan), self.tilt.turn(-setting.tilt));
@@ -177,7 +177,7 @@ impl PanTiltHead {
         }
     }
 
-    /// Where `point_in_world` is seen at `setting`, with derivatives. `None` as for [`Camera::project`].
+    /// Projects `point_in_world` at `setting`, with derivatives. `None` as for [`Camera::project`].
     pub fn project_with_jacobian(&self, point_in_world: &Point3<f64>, setting: &Setting) -> Option<HeadProjection> {
         let at_rest = self.at_rest.camera_from_world * point_in_world;
         let [(outer, by_outer), (inner, by_inner)] = self.by_carrier([setting.pan, setting.tilt]);
@@ -199,7 +199,7 @@ impl PanTiltHead {
         })
     }
 
-    /// Finds what makes the head unusable; the first such thing, in the order of the fields.
+    /// Checks that the head can be used; the first fault, in the order of the fields.
     pub fn check(&self) -> Result<(), HeadError> {
         self.at_rest.check().map_err(HeadError::BadCamera)?;
         for (name, axis) in [("pan", &self.pan), ("tilt", &self.tilt)] {

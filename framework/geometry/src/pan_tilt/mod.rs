@@ -1,23 +1,23 @@
-//! Cameras on pan-tilt heads: where a head makes its camera look, what its axes are, and how to look at a target.
+//! Pan-tilt heads: kinematics, calibration and aiming.
 //!
 //! Source: [Davis 2002 §4.2–4.3]. The camera is rigid on the head and turns about two axes, which may lie anywhere in space:
 //!
-//! | here | there | meaning |
+//! | here | source | meaning |
 //! |---|---|---|
 //! | [`PanTiltHead`] | (2) | both axes anywhere; [`PanTiltHead::aligned`] is (1) |
-//! | [`Axis::turn`] | T R T⁻¹ | a turn about an axis that need not pass through the origin |
+//! | [`Axis::turn`] | T R T⁻¹ | rotation about an axis that need not pass through the origin |
 //! | [`calibrate_head`] | (4) | the axes and the camera at rest from targets seen at many settings |
-//! | [`aim`] | §4.3 | the setting at which a target is in the middle of the image |
+//! | [`aim`] | §4.3 | the pan and tilt at which a target is in the middle of the image |
 //! | [`ZoomTable`] | – | optics by zoom position |
 //!
-//! Axes are stated in the space of the camera *at rest*, that is with both angles zero (x right, y down, z forward, origin at the
-//! centre of projection): they do not change when the head is put elsewhere. With x₀ the point in that space, the point in the camera is
-//! Tilt(−tilt) Pan(−pan) x₀ for a head whose pan axis stands still and carries the tilt axis, as nearly all do
-//! ([`Stacking::TiltOnPan`]). Equation (2) as written turns the other way round ([`Stacking::PanOnTilt`]); settings that change one
-//! angle at a time, with the other at rest, do not tell the two apart.
+//! Axes are given in the space of the camera *at rest*, that is with both angles zero (x right, y down, z forward, origin at the
+//! centre of projection): they do not change when the head is moved. With x₀ the point in that space, the point in the camera is
+//! Tilt(−tilt) Pan(−pan) x₀ for a head whose pan axis is fixed and carries the tilt axis, as nearly all do
+//! ([`Stacking::TiltOnPan`]). Equation (2) as written has the opposite order ([`Stacking::PanOnTilt`]); settings that change one
+//! angle at a time, with the other at rest, do not distinguish the two.
 //!
-//! Angles are right-handed about the axes. Of an aligned head, pan is about y (down) and positive to the right, tilt about x and
-//! positive up, as in the protocols of most heads.
+//! Angles are right-handed about the axes. In an aligned head, pan is about y (down) and positive to the right, tilt
+//! about x and positive up, as in the protocols of most heads.
 
 mod aim;
 mod axis;

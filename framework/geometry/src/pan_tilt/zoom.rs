@@ -1,23 +1,23 @@
-//! Optics by zoom position: a calibrated table and what lies between its stops.
+//! Optics by zoom position: a calibrated table with interpolation between its stops.
 //!
-//! Between stops each number follows a cubic that rises where the table rises and falls where it falls, so that nothing between two stops
-//! lies outside them (F. Fritsch and J. Butland, "A method for constructing local monotone piecewise cubic interpolants", SIAM
-//! J. Sci. Stat. Comput. 5(2), 1984); focal lengths follow it in their logarithm, since zoom drives go by ratios.
+//! Between stops each number follows a monotone cubic, so that nothing between two stops lies outside them (F. Fritsch
+//! and J. Butland, "A method for constructing local monotone piecewise cubic interpolants", SIAM J. Sci. Stat. Comput.
+//! 5(2), 1984); focal lengths are interpolated in their logarithm, since zoom drives go by ratios.
 
 use crate::camera::{Camera, CameraError, Distortion, Intrinsics};
 
-/// What the lens is at one position of the zoom drive.
+/// Calibrated optics at one position of the zoom drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ZoomStop {
     /// Position of the drive, in the device's units.
     pub zoom: f64,
     /// Focal lengths, principal point, skew.
     pub intrinsics: Intrinsics,
-    /// The lens.
+    /// Lens distortion.
     pub distortion: Distortion,
 }
 
-/// Optics by zoom position; positions beyond the ends of the table are taken to its ends.
+/// Optics by zoom position; positions beyond the ends of the table get the optics of the ends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZoomTable {
     stops: Vec<ZoomStop>,
@@ -27,53 +27,53 @@ pub struct ZoomTable {
     slopes: Vec<[f64; COLUMNS]>,
 }
 
-/// Why there is no table.
+/// Why stops do not make a table.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZoomError {
-    /// Nothing to interpolate.
+    /// Too few stops to interpolate.
     #[error("{count} zoom stops, expected at least 2")]
     TooFew {
-        /// How many.
+        /// Number of stops.
         count: usize,
     },
-    /// Positions that do not rise.
-    #[error("zoom stop {stop} is at {found}, expected more than the {before} of the stop before it")]
+    /// Positions that do not increase.
+    #[error("zoom stop {stop} is at {found}, expected more than {before}, the position of the stop before it")]
     NotRising {
-        /// Which, from 0.
+        /// Index of the stop.
         stop: usize,
         /// Its position.
         found: f64,
-        /// That of the one before.
+        /// Position of the stop before it.
         before: f64,
     },
-    /// Focal lengths that turn back: one focal length would have two positions.
+    /// Focal lengths that are not monotone: one focal length would have two positions.
     #[error(
         "the focal length at zoom stop {stop} is {found} px after {before} px, against the direction of the stops before it"
     )]
     FocalTurnsBack {
-        /// Which, from 0.
+        /// Index of the stop.
         stop: usize,
         /// Its focal length [px].
         found: f64,
-        /// That of the one before [px].
+        /// Focal length of the stop before it [px].
         before: f64,
     },
-    /// Optics that are none.
+    /// Optics that cannot be used.
     #[error("zoom stop {stop}: {fault}")]
     BadOptics {
-        /// Which, from 0.
+        /// Index of the stop.
         stop: usize,
-        /// What is wrong.
+        /// The fault of the optics.
         fault: CameraError,
     },
 }
 
-/// A zoom position, and how much of the image it gives to what was asked for.
+/// A chosen zoom position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ZoomChoice {
     /// Position of the drive.
     pub zoom: f64,
-    /// Radius of the sphere in the image over half the image's shorter side: as asked for, unless the table ends before [–].
+    /// Radius of the sphere in the image over half the image's shorter side: the requested one, unless the table ends before it [–].
     pub fill: f64,
 }
 
@@ -118,12 +118,12 @@ impl ZoomTable {
         &self.stops
     }
 
-    /// First and last position.
+    /// First and last position of the table.
     pub fn range(&self) -> [f64; 2] {
         [self.stops[0].zoom, self.stops[self.stops.len() - 1].zoom]
     }
 
-    /// The optics at the position `zoom`; NaN is taken to the first stop.
+    /// Interpolated optics at the position `zoom`; NaN gives the first stop.
     pub fn optics_at(&self, zoom: f64) -> (Intrinsics, Distortion) {
         let [first, last] = self.range();
         let zoom = if zoom.is_nan() { first } else { zoom.clamp(first, last) };
@@ -162,8 +162,9 @@ impl ZoomTable {
         0.5 * (low + high)
     }
 
-    /// The position at which a sphere of `radius` [m] with its centre `depth` [m] from the lens, on the axis, reaches over the part `fill`
-    /// of half the shorter side of an image of `image_size` [px]. A lens inside the sphere gets the shortest focal length.
+    /// The position at which a sphere of `radius` [m], its centre on the axis `depth` [m] from the lens, fills the
+    /// part `fill` of half the shorter side of an image of `image_size` [px]. A lens inside the sphere gets the
+    /// shortest focal length.
     pub fn zoom_of_sphere(&self, radius: f64, depth: f64, image_size: [u32; 2], fill: f64) -> ZoomChoice {
         let half_side = 0.5 * f64::from(image_size[0].min(image_size[1]));
         // The rim is seen at tan = radius / √(depth² − radius²).

@@ -1,11 +1,14 @@
-//! A plane that bends: a smooth field of shifts over a rectangle of it.
+//! A plane that bends: a smooth field of shifts over a rectangle, as a penalised spline.
 //!
 //! Source: P. Eilers and B. Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11(2), 1996: cubic B-splines on even knots, differences of neighbouring
-//! coefficients as the penalty. Its weight is found by restricted maximum likelihood (S. Wood, JRSS B 73(1), 2011, with the noise's variance profiled out), so that dots
-//! themselves tell how rough the wall is. A penalised spline is the posterior mean of a random field: its covariance grows where dots are few, and without end beyond them.
-//! Third derivatives are charged, not second ones: an arc shifts by the square of the distance, and is to cost nothing, also where it goes on beyond the outermost dots.
+//! coefficients as the penalty. Its weight is estimated by restricted maximum likelihood (S. Wood, JRSS B 73(1), 2011,
+//! with the noise's variance profiled out), so that the dots
+//! themselves determine how rough the wall is. A penalised spline is the posterior mean of a random field: its
+//! covariance grows where dots are few, and without limit beyond them.
+//! Third derivatives are penalised, not second ones: an arc shifts by the square of the distance, and should cost
+//! nothing, also where it continues beyond the outermost dots.
 //!
-//! | here | there | meaning | unit |
+//! | here | source | meaning | unit |
 //! |---|---|---|---|
 //! | `splines` | B | their values at the samples | – |
 //! | `coefficients` | α | of the splines, one row each | m |
@@ -37,7 +40,7 @@ const STEPS: usize = 20;
 /// That is near enough [m].
 const NEAR: f64 = 1e-10;
 
-/// Shifts over a rectangle of a plane, whose corner is the origin.
+/// A smooth field of shifts over a rectangle of a plane, whose corner is the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
     /// Width and height of the rectangle [m].
@@ -63,18 +66,18 @@ pub(super) struct Shifted {
 type Splines = [(usize, f64, Vector2<f64>); 16];
 
 impl Mesh {
-    /// How many cells a rectangle is given.
+    /// The number of cells for a rectangle, along each axis.
     pub fn cells_of(size_m: [f64; 2]) -> [usize; 2] {
         let longer = size_m[0].max(size_m[1]);
         size_m.map(|it| ((it / longer * CELLS).round() as usize).max(LEAST_CELLS))
     }
 
-    /// Splines that a mesh of so many cells has.
+    /// Number of splines of a mesh with so many cells.
     pub fn n_splines(cells: [usize; 2]) -> usize {
         (cells[0] + 3) * (cells[1] + 3)
     }
 
-    /// Corners that a mesh of so many cells has.
+    /// Number of corners of a mesh with so many cells.
     pub fn n_corners(cells: [usize; 2]) -> usize {
         (cells[0] + 1) * (cells[1] + 1)
     }
@@ -116,7 +119,7 @@ impl Mesh {
         Some(mesh)
     }
 
-    /// The shift of a point [m], and its derivative by the point. Beyond the rectangle it goes on in a straight line.
+    /// The shift of a point [m], and its derivative by the point. Beyond the rectangle it is extrapolated linearly.
     pub fn shift(&self, point: &Point2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (mut shift, mut by_point) = (Vector2::zeros(), Matrix2::zeros());
         for (at, value, slope) in self.splines(point) {
@@ -126,7 +129,7 @@ impl Mesh {
         (shift, by_point)
     }
 
-    /// Covariance of the shift of a point [m²]; beyond the rectangle that at its edge.
+    /// Covariance of the shift of a point [m²]; beyond the rectangle that of its edge.
     pub fn covariance(&self, point: &Point2<f64>) -> Matrix2<f64> {
         let (cell, part) = self.cell(point);
         let mut variance = Vector2::zeros();
@@ -139,7 +142,7 @@ impl Mesh {
         Matrix2::from_diagonal(&variance)
     }
 
-    /// The point that is shifted to `shifted`; `None` where none is, or several are.
+    /// The point whose shifted position is `shifted`; `None` where there is none, or several.
     pub fn unshifted(&self, shifted: &Point2<f64>) -> Option<Point2<f64>> {
         let mut point = shifted - self.shift(shifted).0;
         for _ in 0..STEPS {

@@ -1,19 +1,21 @@
-//! From a plane to the pixels of one camera and back: a homography, then the lens, with covariance.
+//! Map between a plane and the image of one camera: a homography, then the lens, with covariance.
 //!
 //! Source: R. Hartley and A. Zisserman, *Multiple View Geometry in Computer Vision*, 2nd edition, 2004: the homography of a plane (§2.3), its direct linear
-//! transform with normalised points (algorithm 4.2), its covariance carried to mapped points (§5.2.6). The lens is [`Distortion`], about the middle of the
-//! picture; what the true principal point is off is taken up by the homography and the decentering terms.
+//! transform with normalised points (algorithm 4.2), its covariance carried to mapped points (§5.2.6). The lens is
+//! [`Distortion`], about the middle of the
+//! picture; an offset of the true principal point is absorbed by the homography and the decentering terms.
 //!
 //! | here | meaning | unit |
 //! |---|---|---|
 //! | `point` | on the plane | m |
-//! | `ideal` | H applied to the point: where a pinhole images it | half the picture's width |
-//! | `distorted` | what the lens makes of it | half the picture's width |
+//! | `ideal` | H applied to the point: its pinhole image | half the picture's width |
+//! | `distorted` | `ideal` after the lens | half the picture's width |
 //! | pixel | middle of the picture + half its width · `distorted` | px |
 //!
-//! A plane that bends is imaged as if each of its points were shifted: at `shifted` = point + [`Mesh::shift`], where the flat map would see what the camera sees.
+//! A plane that bends is imaged as if each of its points were shifted: `shifted` = point + [`Mesh::shift`] is where the flat map sees the point.
 //!
-//! A pose and a focal length need not be told apart for that, so a camera that looks straight at the plane is no special case, unlike for a [`Camera`](crate::Camera).
+//! Pose and focal length need not be separable for this, so a camera that looks straight at the plane is no special
+//! case, unlike for a [`Camera`](crate::Camera).
 
 mod mesh;
 pub mod network;
@@ -26,11 +28,11 @@ use crate::Distortion;
 
 pub use self::mesh::Mesh;
 
-/// Numbers that a fit finds: eight of the homography, then k₁, k₂, k₃, p₁, p₂.
+/// Number of parameters of a fit: eight of the homography, then k₁, k₂, k₃, p₁, p₂.
 pub const UNKNOWNS: usize = 13;
-/// Points that a fit needs: with fewer the lens is told by the prior alone.
+/// Least number of points for a fit: with fewer, the prior alone determines the lens.
 pub const LEAST_POINTS: usize = 8;
-/// Points that a fit needs where the plane bends: twice as many as shifts along both axes that no penalty holds.
+/// Least number of points for a fit with a bent plane: twice the number of shifts along both axes that no penalty constrains.
 pub const LEAST_BENT_POINTS: usize = 24;
 /// Half of the homography's unknowns need points off one line: least spread across the longest direction, relative to that along it.
 const LEAST_SPREAD: f64 = 0.05;
@@ -43,32 +45,32 @@ const ROUNDS: usize = 8;
 /// A residual beyond this counts less and less [standard deviations].
 const LOSS_SIGMAS: f64 = 3.0;
 
-/// How a camera images a plane.
+/// Map between a plane and the raw pixels of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneMap {
     /// Columns, rows [px].
     pub image_size: [u32; 2],
-    /// H: takes (x, y, 1) on the plane [m] to ideal coordinates; its last entry is 1.
+    /// H: maps (x, y, 1) on the plane [m] to ideal coordinates; its last entry is 1.
     pub ideal_from_plane: Matrix3<f64>,
-    /// The lens, for ideal coordinates.
+    /// Lens distortion, for ideal coordinates.
     pub distortion: Distortion,
-    /// Of H row by row without its last entry, then k₁, k₂, k₃, p₁, p₂.
+    /// Covariance of H row by row without its last entry, then k₁, k₂, k₃, p₁, p₂.
     pub covariance: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    /// How the plane bends; `None` where it is flat.
+    /// The bend of the plane; `None` where it is flat.
     pub mesh: Option<Mesh>,
 }
 
 /// Why there is no fit, in words for who placed the points.
-const NO_START: &str = "too many of them lie on one line or at one place, or most are elsewhere than was told";
-const NO_ADJUSTMENT: &str = "some were seen where no view of the plane has them; are their places right?";
-const LEFT_OPEN: &str = "they leave a part of the view open; they should lie all over the picture";
+const NO_START: &str = "too many of them lie on one line or at one place, or most are not at their stated places";
+const NO_ADJUSTMENT: &str = "some pixels match no view of the plane; are the places of the points right?";
+const LEFT_OPEN: &str = "a part of the view has too few of them; they should cover the whole picture";
 
-/// A point of known place, and where it was seen.
+/// A known point of the plane and its pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanePoint {
-    /// On the plane [m].
+    /// Position on the plane [m].
     pub point: Point2<f64>,
-    /// Raw pixel.
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
     /// Standard deviation of the pixel, along each axis [px].
     pub sigma: f64,
@@ -77,45 +79,45 @@ pub struct PlanePoint {
 /// Why points do not give a map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlaneMapError {
-    /// Too few.
+    /// Too few points.
     #[error("{count} points, expected at least {least}")]
     TooFew {
-        /// How many there are.
+        /// Number of points.
         count: usize,
-        /// How many it takes.
+        /// Number that is needed.
         least: usize,
     },
-    /// All near one line.
+    /// All points lie near one line.
     #[error(
         "{count} points on a line (spread across it {ratio:.3} of that along it), expected at least {LEAST_SPREAD}"
     )]
     OnALine {
-        /// How many there are.
+        /// Number of points.
         count: usize,
         /// Spread across the line relative to that along it.
         ratio: f64,
     },
-    /// No map images the points as they were seen.
-    #[error("no flat wall before a lens explains where the points were seen: {0}")]
+    /// No map explains the pixels of the points.
+    #[error("no flat plane seen through a lens explains the pixels of the points: {0}")]
     NoFit(String),
 }
 
-/// A place on the plane, with the covariance of where it is.
+/// A position on the plane with covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placed {
-    /// On the plane [m].
+    /// Position on the plane [m].
     pub point: Point2<f64>,
-    /// From the pixel's covariance and the map's [m²].
+    /// Covariance of the position, from the pixel's and the map's [m²].
     pub covariance: Matrix2<f64>,
-    /// Metres on the plane that a pixel takes up there, along each axis of the picture [m/px].
+    /// Derivative of the position with respect to the pixel [m/px].
     pub plane_by_pixel: Matrix2<f64>,
 }
 
 impl PlaneMap {
-    /// Finds the map from points of known place.
+    /// Fits the map of a flat plane to known points.
     ///
     /// # Errors
-    /// Too few points, points on a line, points that no map explains.
+    /// Too few points, points on a line, or points that no map explains.
     pub fn fit(image_size: [u32; 2], points: &[PlanePoint]) -> Result<PlaneMap, PlaneMapError> {
         let count = points.len();
         if count < LEAST_POINTS {
@@ -147,12 +149,13 @@ impl PlaneMap {
         Ok(map)
     }
 
-    /// Finds the map of a plane that bends, over the rectangle of `size_m` from its origin: a flat map, and the smoothest shifts that explain the rest.
+    /// Fits the map of a plane that bends, over the rectangle of `size_m` from its origin: a flat map, and the
+    /// smoothest shifts that explain the rest.
     ///
-    /// All that is not known about the map is in the covariance of the shifts; that of the flat map is 0.
+    /// The whole uncertainty of the map is in the covariance of the shifts; that of the flat map is 0.
     ///
     /// # Errors
-    /// As of [`Self::fit`]; points beside the rectangle; a plane that turns its back on the camera.
+    /// As for [`Self::fit`]; also points beside the rectangle, and a plane so bent that the camera sees its back.
     pub fn fit_bent(image_size: [u32; 2], points: &[PlanePoint], size_m: [f64; 2]) -> Result<PlaneMap, PlaneMapError> {
         let count = points.len();
         if count < LEAST_BENT_POINTS {
@@ -161,7 +164,7 @@ impl PlaneMap {
         let no_fit = |why: &str| PlaneMapError::NoFit(why.to_owned());
         if let Some(it) = points.iter().find(|it| (0..2).any(|axis| !(0.0..=size_m[axis]).contains(&it.point[axis]))) {
             return Err(PlaneMapError::NoFit(format!(
-                "found a point at {}, expected all on the {} m by {} m that bend",
+                "found a point at {}, expected all points within the rectangle of {} m by {} m",
                 it.point, size_m[0], size_m[1]
             )));
         }
@@ -183,8 +186,8 @@ impl PlaneMap {
             Some(Shifted { point: it.point, shift: shifted - it.point, sigma })
         });
         let samples: Option<Vec<Shifted>> = samples.collect();
-        let samples = samples.ok_or_else(|| no_fit("a point was seen where the flat map sees no plane"))?;
-        let mesh = Mesh::fit(size_m, &samples).ok_or_else(|| no_fit("the points fix no shifts"))?;
+        let samples = samples.ok_or_else(|| no_fit("a pixel matches no point of the flat map"))?;
+        let mesh = Mesh::fit(size_m, &samples).ok_or_else(|| no_fit("the points do not determine the shifts"))?;
         if points.iter().any(|it| (Matrix2::identity() + mesh.shift(&it.point).1).determinant() <= 0.0) {
             return Err(no_fit("the plane bends so much that the camera sees the back of it"));
         }
@@ -192,7 +195,7 @@ impl PlaneMap {
         Ok(map)
     }
 
-    /// The homography from the plane to raw pixels, without a lens, under which most points are where they were seen; `None` where the points fix none.
+    /// Robust homography from the plane to raw pixels, without a lens; `None` where the points determine none.
     pub fn homography(image_size: [u32; 2], points: &[PlanePoint]) -> Option<Matrix3<f64>> {
         let [width, height] = image_size.map(f64::from);
         let pixels_from_ideal = Matrix3::new(
@@ -209,7 +212,7 @@ impl PlaneMap {
         Some(pixels_from_ideal * first_homography(image_size, points)?)
     }
 
-    /// The pixel at which a point of the plane is seen, which may lie outside the picture. `None` behind the camera and beyond what the lens images.
+    /// Projects a point of the plane to its raw pixel, which may lie outside the picture. `None` behind the camera and beyond the domain of the lens.
     pub fn pixel(&self, point: &Point2<f64>) -> Option<Point2<f64>> {
         let (ideal, _) = self.ideal(&self.shifted(point).0)?;
         Some(self.in_pixels(&self.distortion.distort(&ideal)?))
@@ -222,7 +225,8 @@ impl PlaneMap {
         Some((pixel, by_shifted * shifted_by_point))
     }
 
-    /// The point of the plane seen at `pixel` [m]. `None` beyond what the lens images, at and above the plane's horizon, and where a bend hides the plane.
+    /// The point of the plane seen at `pixel` [m]. `None` beyond the domain of the lens, at and above the plane's
+    /// horizon, and where a bend hides the plane.
     pub fn point(&self, pixel: &Point2<f64>) -> Option<Point2<f64>> {
         let distorted = (pixel - self.middle()) / self.half_width();
         let ideal = self.distortion.undistort(&distorted)?;
@@ -235,7 +239,7 @@ impl PlaneMap {
         self.mesh.as_ref().map_or(Some(shifted), |it| it.unshifted(&shifted))
     }
 
-    /// As [`Self::point`], with covariance: that of the pixel [px²] and that of the map.
+    /// As [`Self::point`], with covariance from that of the pixel [px²] and of the map.
     pub fn place(&self, pixel: &Point2<f64>, pixel_covariance: &Matrix2<f64>) -> Option<Placed> {
         let point = self.point(pixel)?;
         let (_, by_point) = self.pixel_with_jacobian(&point)?;

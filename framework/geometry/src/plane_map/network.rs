@@ -1,8 +1,10 @@
-//! Several cameras before one plane, mapped together from a point that was moved over it: nothing else is known but a few places.
+//! Joint mapping of several cameras to one plane, from a point moved over the plane and a few known places.
 //!
-//! Cameras whose views overlap see the moving point at the same moments; a homography takes the picture of one to that of the other (Hartley and Zisserman, §2.3). Homographies are
-//! chained along the tree of the strongest overlaps; the places that are known give the plane its axes and its scale. From there all maps, lenses among them, and the points of
-//! all moments are adjusted together, the points eliminated (B. Triggs et al., "Bundle adjustment: a modern synthesis", 2000, §6.1).
+//! Cameras with overlapping views see the moving point at the same moments; a homography maps the picture of one to
+//! that of the other (Hartley and Zisserman, §2.3). Homographies are chained along the tree of the strongest overlaps;
+//! the known places give the plane its axes and its scale. From there all maps, lenses included, and the points of all
+//! moments are adjusted together, with the points eliminated (B. Triggs et al., "Bundle adjustment: a modern
+//! synthesis", 2000, §6.1).
 
 use foveate_estimation::least_squares::{DriverOptions, GroupedEquations, GroupedProblem, Loss, solve_grouped};
 use foveate_estimation::statistics::median;
@@ -14,9 +16,9 @@ use super::{
 };
 use crate::Distortion;
 
-/// Moments that two cameras must share for a homography between them: it has eight unknowns, and outliers must stand out.
+/// Least number of moments shared by two cameras, for a homography between them: it has eight unknowns, and outliers must stand out.
 pub const LEAST_SHARED: usize = 20;
-/// Known places that give the plane its axes.
+/// Least number of known places, for the axes and the scale of the plane.
 pub const LEAST_PLACES: usize = 4;
 /// A point that moved over less of a picture stood still, relative to its width.
 const STOOD_STILL: f64 = 0.03;
@@ -25,46 +27,46 @@ const OUTLIER_SIGMAS: f64 = 6.0;
 /// Median of the square of two normal deviates: 2 ln 2.
 const MEDIAN_OF_TWO: f64 = 1.386_294_361_119_890_6;
 
-/// The point as one camera saw it at one moment.
+/// An observation of the moved point by one camera at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MomentObservation {
-    /// Number of the moment.
+    /// Index of the moment.
     pub moment: usize,
-    /// Number of the camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// Raw pixel.
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
     /// Standard deviation of the pixel, along each axis [px].
     pub sigma: f64,
 }
 
-/// A place of the plane that is known, and where cameras saw it.
+/// A known place on the plane, and its observations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KnownPlace {
-    /// On the plane [m].
+    /// Position on the plane [m].
     pub point: Point2<f64>,
-    /// Standard deviation of that, along each axis [m].
+    /// Standard deviation of the position, along each axis [m].
     pub sigma: f64,
-    /// Camera, pixel, its standard deviation [px].
+    /// Observations: camera, pixel, its standard deviation [px].
     pub seen: Vec<(usize, Point2<f64>, f64)>,
 }
 
 /// Why a camera has no map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unmapped {
-    /// It saw the point too rarely.
+    /// The camera saw the point too rarely.
     #[error("it saw the moved point {moments} times, expected at least {LEAST_SHARED}")]
     Unseen {
-        /// How often.
+        /// Number of moments.
         moments: usize,
     },
-    /// The point hardly moved in its picture.
-    #[error("in its picture the point moved over {extent_px:.1} px only: it stood still")]
+    /// The point hardly moved in the camera's picture.
+    #[error("in its picture the point moved over {extent_px:.1} px, expected more: it stood still")]
     StoodStill {
-        /// How far [px].
+        /// Extent of the motion [px].
         extent_px: f64,
     },
-    /// Its view overlaps no other enough.
+    /// The camera's view overlaps no other enough.
     #[error(
         "it shares at most {shared} moments with a camera that is mapped, expected at least {LEAST_SHARED}: their views do not overlap, or the point was not moved where they do"
     )]
@@ -72,46 +74,48 @@ pub enum Unmapped {
         /// The most moments shared with a mapped camera.
         shared: usize,
     },
-    /// What it shares with others lies on a line.
-    #[error("what it shares with other cameras lies on one line: move the point to and fro where their views overlap")]
+    /// The points shared with other cameras lie on a line.
+    #[error(
+        "the points that it shares with other cameras lie on one line: move the point to and fro where their views overlap"
+    )]
     OnALine,
 }
 
 /// Why there are no maps at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NetworkError {
-    /// No two cameras share enough.
-    #[error("no two cameras share {LEAST_SHARED} moments at which both saw the point, off one line")]
+    /// No two cameras share enough moments.
+    #[error("no two cameras share {LEAST_SHARED} moments of the point, spread beyond one line")]
     NoOverlap,
     /// Too few known places were seen.
-    #[error("{seen} known places were seen by cameras that are joined, expected at least {LEAST_PLACES}")]
+    #[error("{seen} known places were seen by connected cameras, expected at least {LEAST_PLACES}")]
     TooFewPlaces {
-        /// How many.
+        /// Number of known places.
         seen: usize,
     },
-    /// The known places give no axes.
-    #[error("the known places lie on one line, or were seen by cameras whose views do not join the others'")]
+    /// The known places do not determine the axes.
+    #[error("the known places lie on one line, or were seen by cameras whose views are not connected to the others")]
     NoAxes,
     /// The adjustment failed.
-    #[error("no maps explain what all cameras saw together: {0}")]
+    #[error("no maps explain the observations of all cameras together: {0}")]
     NoFit(&'static str),
 }
 
 /// Maps of several cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneNetwork {
-    /// By camera: its map with its covariance, or why it has none.
+    /// By camera: its map with covariance, or why it has none.
     pub maps: Vec<Result<PlaneMap, Unmapped>>,
-    /// By camera, observations that fit badly and were given little weight.
+    /// By camera: number of observations that fit badly and got little weight.
     pub outliers: Vec<usize>,
-    /// How many times as large as stated the errors of pixels are.
+    /// Ratio of the pixel errors to their stated standard deviations.
     pub sigma_factor: f64,
 }
 
-/// Maps all cameras, whose pictures have `sizes`.
+/// Maps all cameras to the plane; their pictures have `sizes` [px].
 ///
 /// # Errors
-/// See [`NetworkError`]. Cameras that cannot be joined to the others have no map; the others do.
+/// See [`NetworkError`]. Cameras that cannot be connected to the others have no map; the others do.
 pub fn fit_network(
     sizes: &[[u32; 2]],
     observations: &[MomentObservation],
@@ -136,7 +140,7 @@ pub fn fit_network(
     let solution = solve_grouped(&problem, start, loss, &DriverOptions::default())
         .map_err(|_| NetworkError::NoFit("are the known places right, and was one point alone moved over the wall?"))?;
     let (covariance, _) = solution.covariance().map_err(|_| {
-        NetworkError::NoFit("a part of some view is left open: move the point all over where views overlap")
+        NetworkError::NoFit("a part of some view has too few observations: move the point all over where views overlap")
     })?;
     Ok(problem.outcome(&solution.parameters, &covariance, refused))
 }

@@ -247,7 +247,7 @@ fn too_few_points_and_points_on_a_line_are_refused_by_name() {
     let few = PlaneMap::fit_bent(SIZE, &all[..20], [4.0; 2]);
     assert_eq!(few, Err(PlaneMapError::TooFew { count: 20, least: LEAST_BENT_POINTS }));
     let beside = PlaneMap::fit_bent(SIZE, &all, [1.0, 0.5]).unwrap_err().to_string();
-    assert!(beside.contains("expected all on the 1 m by 0.5 m"), "{beside}");
+    assert!(beside.contains("the rectangle of 1 m by 0.5 m"), "{beside}");
     let line: Vec<PlanePoint> = all.iter().copied().filter(|it| (it.point.y - 0.45).abs() < 1e-9).collect();
     assert!(matches!(PlaneMap::fit(SIZE, &line), Err(PlaneMapError::OnALine { .. })), "{}", line.len());
     let one = vec![all[0]; 20];

@@ -142,7 +142,7 @@ fn what_fixes_no_pose_is_refused_with_the_reason() {
     let (points, pixels) = scene([10.0, 10.0, 5.0], 30, 0.0, &mut Draw(4));
     assert_eq!(refused(&points, &pixels[1..], &options), ResectionError::LengthsDiffer { points: 30, pixels: 29 });
     let bad = ResectionOptions { inlier_px: 0.0, ..options };
-    assert_eq!(refused(&points, &pixels, &bad), ResectionError::BadRule { rule: "inlier_px", found: 0.0 });
+    assert_eq!(refused(&points, &pixels, &bad), ResectionError::BadOption { option: "inlier_px", found: 0.0 });
     // Pixels that belong to no points.
     let mut draw = Draw(6);
     let noise: Vec<Point2<f64>> =

@@ -1,4 +1,4 @@
-//! The poses from which three points are seen in three given directions: at most four.
+//! The perspective-three-point problem (P3P): the poses, at most four, from which three points are seen in three given directions.
 //!
 //! Source: J. A. Grunert, 1841, as given in R. M. Haralick, C.-N. Lee, K. Ottenberg, M. Nölle, "Review and analysis of
 //! solutions of the three point perspective pose estimation problem", IJCV 13(3), 1994. Equation numbers are that paper's.
@@ -23,8 +23,8 @@ const POLISHINGS: usize = 8;
 /// A pair of complex roots whose imaginary part is less than this part of the real one may be one double root in noise.
 const NEARLY_REAL: f64 = 0.02;
 
-/// All `camera_from_world` that put `points_in_world` on the rays of `directions`, in front of the camera; none when the points lie on
-/// a line, or when numerics fail.
+/// All `camera_from_world` with `points_in_world` on the rays of `directions`, in front of the camera; empty when the
+/// points lie on a line, or when numerics fail.
 pub fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vector3<f64>>; 3]) -> Vec<Isometry3<f64>> {
     let [p1, p2, p3] = points_in_world;
     let [j1, j2, j3] = directions;

@@ -1,9 +1,9 @@
-//! The centres of all cameras at once, their rotations known: a linear problem.
+//! The centres of all cameras at once, with known rotations: a linear problem.
 //!
 //! With d the unit direction of an observation in the world and P = w (I − d dᵀ), a point X seen from centres cᵢ has Σ Pᵢ (X − cᵢ) = 0.
-//! Eliminating the points leaves a quadratic form in the centres that is least, but for shifts, at the wanted ones: its
-//! fourth eigenvector, found by inverse iteration. Weights 1/depth² turn distances from the line into angles and Cauchy's weights
-//! silence wrong observations, both from the round before.
+//! Eliminating the points leaves a quadratic form in the centres that is least, except for shifts, at the wanted ones: its
+//! fourth eigenvector, found by inverse iteration. Weights 1/depth² turn distances from the line into angles, and Cauchy's weights
+//! suppress outliers, both from the round before.
 
 use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Translation3, Vector3};

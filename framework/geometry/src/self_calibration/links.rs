@@ -1,4 +1,4 @@
-//! The edges of the view graph: pairs of cameras that see the light together, each oriented on its own.
+//! The edges of the view graph: pairs of cameras that see the light in common frames, each with its relative pose.
 
 use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
@@ -8,20 +8,20 @@ use crate::bundle::{Freedom, OpticsPrior};
 use crate::camera::Camera;
 use crate::epipolar::{EpipolarError, EpipolarOptions, relative_pose};
 
-/// How two cameras are linked.
+/// A pair of cameras with its relative pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
-    /// The one of the lower number.
+    /// Index of the camera with the lower number.
     pub a: usize,
-    /// The other.
+    /// Index of the other camera.
     pub b: usize,
     /// Frames in which both see the light.
     pub common: usize,
-    /// Of which fit one pose.
+    /// Number of these that fit the relative pose.
     pub right: usize,
-    /// Part of these that one plane explains [–].
+    /// Part of the inliers that one plane explains [–].
     pub planar_share: f64,
-    /// Whether the rotations of the other links agree.
+    /// Whether the rotations of the other pairs agree.
     pub consistent: bool,
 }
 

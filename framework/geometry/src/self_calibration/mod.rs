@@ -1,11 +1,12 @@
-//! The poses of a room of cameras from one waved light, without a start, up to a similarity.
+//! Self-calibration: the poses of a room of cameras from one waved light, without a start, up to a similarity.
 //!
-//! Each frame gives at most one pixel a camera, many give none. Pairs of cameras are oriented ([`crate::epipolar`]); the rotations of
-//! all pairs are averaged over the view graph, pairs that contradict it are dropped; with rotations known, the centres of all
-//! cameras are the solution of one linear problem over all lines of sight; then points are intersected and everything is bundle-adjusted
-//! in rounds that are ever stricter about which observations are right. Cameras that no pair could place are resected from the points.
-//! So a frame seen by 4 of 18 cameras helps as much as it can, where growing a scene from one pair would starve: two cameras
-//! share only some two dozen of 600 such frames, of which a third camera sees three.
+//! Each frame gives at most one pixel a camera, many give none. The relative poses of pairs of cameras are estimated
+//! ([`crate::epipolar`]); the rotations of all pairs are averaged over the view graph, and pairs that contradict it
+//! are dropped; with known rotations, the centres of all cameras are the solution of one linear problem over all lines
+//! of sight; then points are intersected and everything is bundle-adjusted in rounds with ever stricter inlier limits.
+//! Cameras that no pair could place are resected from the points. So a frame seen by 4 of 18 cameras is fully used,
+//! where growing a scene from one pair would fail: two cameras share only some two dozen of 600 such frames, of which
+//! a third camera sees three.
 //!
 //! Sources: [Davis 2002 §3.2], the virtual calibration object (which alternates between path and cameras, where this adjusts both);
 //! V. M. Govindu, "Lie-algebraic averaging for globally consistent motion estimation", CVPR 2004; the linear problem is that of
@@ -22,35 +23,35 @@ use foveate_estimation::Random;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 pub use self::links::Link;
-pub use self::status::{CameraStatus, HeldBecause, OpticHeld, SelfCalibrationError};
+pub use self::status::{CameraStatus, HeldReason, OpticHeld, SelfCalibrationError};
 use crate::bundle::{CameraCovariance, Freedom};
 use crate::camera::Camera;
 
-/// The light, seen by a camera in a frame.
+/// An observation of the light by a camera in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightObservation {
-    /// Which camera.
+    /// Index of the camera.
     pub camera: usize,
-    /// Which frame; cameras see the same place in the same frame.
+    /// Number of the frame; all cameras see the light at the same position in the same frame.
     pub frame: usize,
-    /// Where, raw [px].
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
 }
 
-/// How to go about it.
+/// Options of [`self_calibrate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SelfCalibrationOptions {
-    /// Of either coordinate of a right pixel, standard deviation [px].
+    /// Pixel noise of inliers, standard deviation of either coordinate [px].
     pub sigma_px: f64,
-    /// An observation is right when at most this far from where its point is seen [px].
+    /// An observation is an inlier when at most this far from its point's projection [px].
     pub inlier_px: f64,
-    /// Right pairs of observations that link two cameras, at least 6 [–].
+    /// Least number of inlier frames that link two cameras, at least 6 [–].
     pub min_common: usize,
-    /// Pairs are oriented with this many partners of each camera, those with which it shares most frames [–].
+    /// Number of partners with which each camera is paired: those with which it shares most frames [–].
     pub max_partners: usize,
-    /// A free focal length whose standard deviation is a larger part of it than this is refused [–].
+    /// Largest accepted relative standard deviation of a free focal length [–].
     pub max_focal_sigma: f64,
-    /// Of the random draws.
+    /// Seed of the random draws.
     pub seed: u64,
 }
 
@@ -60,42 +61,44 @@ impl Default for SelfCalibrationOptions {
     }
 }
 
-/// What [`self_calibrate`] found.
+/// The calibrated room with residuals and covariances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SelfCalibration {
-    /// In the order given; those without a pose as they were given. Up to what the last adjustment moved, the origin is the centroid
-    /// of the centres of the others, the unit of length their root mean square distance from it, the axes those of the first.
+    /// The cameras, in the order given; those without a pose as they were given. Up to the last adjustment, the origin
+    /// is the centroid of the others' centres, the unit of length their root mean square distance from it, the axes
+    /// those of the first.
     pub cameras: Vec<Camera>,
-    /// By camera.
+    /// Outcome for each camera.
     pub status: Vec<CameraStatus>,
-    /// By frame: where the light was, if more than half of its observations, at least two, agree.
+    /// By frame: position of the light, if more than half of its observations, at least two, agree.
     pub points: Vec<Option<Point3<f64>>>,
-    /// By camera: what was found rather than given; the optics that are free here are not those of the input.
+    /// By camera: the parameters that were estimated; these optics differ from the input.
     pub freed: Vec<Freedom>,
-    /// By camera that was found: the optics that were to be found and stay as given, and why.
+    /// By calibrated camera: the optics that should have been estimated and are kept as given, and why.
     pub held: Vec<Vec<OpticHeld>>,
-    /// By observation: seen − measured, if camera and point are known [px].
+    /// By observation: residual seen − measured, if camera and point are known [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
-    /// By observation: whether it is right, and was used.
+    /// By observation: whether it is an inlier.
     pub right: Vec<bool>,
-    /// Root of the mean squared length of the residuals of right observations [px].
+    /// Root mean square length of the inliers' residuals [px].
     pub rms_px: f64,
-    /// By camera: how well it is known, with inner constraints; `None` when not calibrated or left open.
+    /// By camera: covariance, with inner constraints; `None` when not calibrated or unobservable.
     pub covariance: Vec<Option<CameraCovariance>>,
-    /// Pairs that were oriented.
+    /// Pairs of cameras with a relative pose.
     pub links: Vec<Link>,
     /// Spread of the points across their flattest plane over that along it; near 0 for a planar path [–].
     pub flatness: f64,
 }
 
-/// Calibrates `cameras`, whose poses do not matter, from `observations` of one light.
+/// Calibrates `cameras` (whose poses are not used) from `observations` of one light.
 ///
-/// What `free` leaves free of a camera's optics is found, and what was given of it is a guess: of focal lengths right to a third or so, of
-/// the rest as [`OpticsPrior::of_guess`](crate::bundle::OpticsPrior::of_guess) has it. All else of the optics is known. A camera whose focal length is free and cannot be told is refused; its other optics
-/// stay as given when the observations do not hold them ([`SelfCalibration::held`]).
+/// `free` says which optics of each camera are estimated; their given values are then guesses: focal lengths right to
+/// a third or so, the rest as in [`OpticsPrior::of_guess`](crate::bundle::OpticsPrior::of_guess). All other optics are
+/// known. A camera whose free focal length is unobservable is refused; its other optics are kept as given when the
+/// observations do not determine them ([`SelfCalibration::held`]).
 ///
 /// # Errors
-/// See [`SelfCalibrationError`]; cameras that cannot be calibrated beside others that can are told in the status.
+/// See [`SelfCalibrationError`]; cameras that cannot be calibrated beside others that can are reported in the status.
 pub fn self_calibrate(
     cameras: &[Camera],
     free: &[Freedom],
@@ -169,14 +172,14 @@ fn check(
     if cameras.len() != free.len() {
         return Err(SelfCalibrationError::LengthsDiffer { cameras: cameras.len(), freedoms: free.len() });
     }
-    for (rule, found) in [
+    for (option, found) in [
         ("sigma_px", options.sigma_px),
         ("inlier_px", options.inlier_px),
         ("max_partners", options.max_partners as f64),
         ("max_focal_sigma", options.max_focal_sigma),
     ] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(SelfCalibrationError::BadRule { rule, found });
+            return Err(SelfCalibrationError::BadOption { option, found });
         }
     }
     for (index, camera) in cameras.iter().enumerate() {

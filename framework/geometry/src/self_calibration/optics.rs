@@ -1,13 +1,13 @@
-//! Optics beyond the focal length: freed when the room stands, and held again where the observations do not hold them.
+//! Optics beyond the focal length: freed once the poses are found, and held again where the observations do not determine them.
 //!
-//! What re-projection gains by a further parameter says nothing. So what is known of any lens beforehand goes into the adjustment, which
-//! keeps an optic that pixels hold too little within reason and no more certain than that ([`crate::bundle::OpticsPrior`]); and observations which were
-//! held out must be predicted at least as well.
+//! A smaller reprojection error with a further parameter proves nothing. So a prior of any lens enters the adjustment,
+//! which keeps a poorly determined optic plausible and no more certain than that ([`crate::bundle::OpticsPrior`]); and
+//! observations that were held out must be predicted at least as well.
 
 use foveate_estimation::Loss;
 
 use super::rounds::{LATE_ROUNDS, Room};
-use super::status::{HeldBecause, OpticHeld};
+use super::status::{HeldReason, OpticHeld};
 use crate::bundle::{Freedom, Optic, UnobservableParameters};
 
 /// One right observation in so many of a camera is held out.
@@ -112,19 +112,19 @@ fn left_open(room: &Room<'_>, open: &UnobservableParameters) -> Vec<(usize, Opti
         if refused.iter().all(|it| it.0 != camera)
             && let Some(optic) = named.or_else(|| least(camera))
         {
-            refused.push((camera, OpticHeld { optic, reason: HeldBecause::Open }));
+            refused.push((camera, OpticHeld { optic, reason: HeldReason::Open }));
         }
     }
     if refused.is_empty() {
         // The fault lies with cameras that have nothing more to hold: hold something of the others.
         let more = members.iter().filter_map(|it| Some((*it, least(*it)?)));
-        refused.extend(more.map(|(camera, optic)| (camera, OpticHeld { optic, reason: HeldBecause::Open })));
+        refused.extend(more.map(|(camera, optic)| (camera, OpticHeld { optic, reason: HeldReason::Open })));
     }
     refused
 }
 
 /// Cameras whose freed optics predict observations that were held out worse than the given optics do.
-fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldBecause)>> {
+fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldReason)>> {
     let mut freed = room.clone();
     let mut kept: Vec<usize> = Vec::new();
     let mut turn = vec![0; room.cameras.len()];
@@ -163,7 +163,7 @@ fn predicted_worse(room: &Room<'_>) -> Option<Vec<(usize, HeldBecause)>> {
     };
     let worse = |camera: usize| {
         let [held_px, freed_px] = [rms(&held, camera)?, rms(&freed, camera)?];
-        (freed_px > MAX_HOLD_OUT_LOSS * held_px).then_some((camera, HeldBecause::HoldOut { held_px, freed_px }))
+        (freed_px > MAX_HOLD_OUT_LOSS * held_px).then_some((camera, HeldReason::HoldOut { held_px, freed_px }))
     };
     Some(room.members().into_iter().filter_map(worse).collect())
 }

@@ -1,7 +1,8 @@
-//! One rotation for each camera from the rotations of pairs, some of which are wrong.
+//! Rotation averaging: one rotation for each camera from the rotations of pairs, some of which are wrong.
 //!
-//! Pairs earn trust by the triangles that they close; a maximum spanning tree over trust gives a start; then all pairs are averaged on
-//! the tangent space of the rotations with Cauchy's weights (V. M. Govindu 2004), and those far from the average are dropped.
+//! Pairs gain weight by the triangles that they close; a maximum spanning tree over these weights gives a start; then
+//! all pairs are averaged on the tangent space of the rotations with Cauchy's weights (V. M. Govindu 2004), and those
+//! far from the average are dropped.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! From a first guess to the adjusted room: intersect, adjust, be stricter; then resect who is missing.
+//! From a first guess to the adjusted room: intersect, adjust, tighten the limits; then resect the missing cameras.
 
 use foveate_estimation::{Loss, Random};
 use nalgebra::Point3;
@@ -63,7 +63,7 @@ pub(super) fn run(
     Some(room.finish(last, status, held))
 }
 
-/// Whether there is a lens of such a focal length; one that ran away stands for a room that the observations do not hold.
+/// Whether there is a lens of such a focal length; one that diverged means that the observations do not determine the room.
 fn is_lens(camera: &Camera) -> bool {
     let longer = f64::from(camera.image_size[0].max(camera.image_size[1]));
     (0.1..50.0).contains(&(camera.intrinsics.focal[0] / longer))

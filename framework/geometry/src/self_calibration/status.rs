@@ -1,69 +1,69 @@
-//! What became of each camera, which of its optics could not be found, and why there may be no answer at all.
+//! Outcome for each camera, optics that could not be estimated, and errors.
 
 use nalgebra::Point2;
 
 use crate::bundle::Optic;
 use crate::camera::CameraError;
 
-/// What became of a camera.
+/// Outcome of self-calibration for a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CameraStatus {
-    /// Its pose is known.
+    /// Its pose was found.
     Calibrated,
-    /// It saw too little.
+    /// It saw the light in too few frames.
     TooFewObservations {
-        /// In how many frames it saw the light.
+        /// Frames in which it saw the light.
         frames: usize,
-        /// How many are needed.
+        /// Frames that are needed.
         needed: usize,
     },
-    /// What it saw stays in place, or on a line.
+    /// Its pixels lie in one place, or on a line.
     LightStill {
-        /// Standard deviation of its pixels across the line along which they spread most [px].
+        /// Standard deviation of its pixels across the line of largest spread [px].
         spread_px: f64,
     },
     /// It shares too few frames with any other camera.
     NoPartner {
-        /// The camera with which it shares most, if any.
+        /// The camera with which it shares most frames, if any.
         best: Option<usize>,
-        /// How many frames these two share.
+        /// Frames shared with that camera.
         common: usize,
-        /// How many are needed.
+        /// Frames that are needed.
         needed: usize,
     },
     /// It shares frames, but its pixels fit no pose: a moved camera, a wrong lens, the track of another camera.
     Inconsistent {
         /// The partner that it fits best.
         best: usize,
-        /// Frames shared with that.
+        /// Frames shared with that partner.
         common: usize,
-        /// Of which fit.
+        /// Number of these that fit.
         right: usize,
     },
-    /// It stands where its partners stand, or the light is too far away for a depth.
+    /// It stands where its partner stands, or the light is too far away for a depth.
     NoDepth {
-        /// The partner with which it shares most.
+        /// The partner with which it shares most frames.
         best: usize,
     },
-    /// It was oriented with others, but shares no frames with the larger group that was calibrated.
+    /// It has relative poses, but shares too few frames with the larger group that was calibrated.
     Separate {
         /// The cameras of its own group.
         group: Vec<usize>,
     },
-    /// How far its clock is from those of the others could not be told.
+    /// The offset of its clock could not be estimated.
     ClockOpen {
-        /// The camera beside which it came closest, if any.
+        /// The camera with which the estimate came closest, if any.
         best: Option<usize>,
     },
-    /// Its focal length cannot be told: too little depth, or a path in a plane.
+    /// Its focal length is unobservable: too little depth, or a path in a plane.
     FocalOpen {
-        /// Standard deviation, relative [–]; infinite when it is entirely open.
+        /// Relative standard deviation of the focal length [–]; infinite without any information.
         sigma: f64,
     },
 }
 
 impl CameraStatus {
-    /// What became of it, the cameras that it speaks of by `name`.
+    /// The status as words, with cameras called by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             CameraStatus::Calibrated => "calibrated".to_owned(),
@@ -95,10 +95,10 @@ impl CameraStatus {
             }
             CameraStatus::ClockOpen { best: None } => "its clock could not be found".to_owned(),
             CameraStatus::FocalOpen { sigma } if sigma.is_infinite() => {
-                "nothing tells its focal length: too little depth, or a flat path".to_owned()
+                "its focal length is unobservable: too little depth, or a flat path".to_owned()
             }
             CameraStatus::FocalOpen { sigma } => {
-                format!("its focal length is known to {:.1} % only: too little depth, or a flat path", 100.0 * sigma)
+                format!("its focal length is known to {:.1} %: too little depth, or a flat path", 100.0 * sigma)
             }
         }
     }
@@ -110,106 +110,106 @@ impl std::fmt::Display for CameraStatus {
     }
 }
 
-/// An optic that was to be found and stays as it was given.
+/// An optic that should have been estimated and is kept as given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpticHeld {
-    /// Which.
+    /// Which optic.
     pub optic: Optic,
-    /// Why.
-    pub reason: HeldBecause,
+    /// Why it is held.
+    pub reason: HeldReason,
 }
 
 /// Why an optic was not freed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum HeldBecause {
-    /// Nothing tells it from the others.
+pub enum HeldReason {
+    /// It cannot be distinguished from the other parameters.
     Open,
-    /// With it, observations that had been held out were predicted no better.
+    /// With it free, held-out observations were predicted no better.
     HoldOut {
-        /// Their error with this camera's optics as given, root mean square [px].
+        /// Error of held-out observations with this camera's optics as given, root mean square [px].
         held_px: f64,
-        /// And with its optics free [px].
+        /// The same with its optics free [px].
         freed_px: f64,
     },
 }
 
 impl std::fmt::Display for OpticHeld {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(to, "{} stays as given: ", self.optic)?;
+        write!(to, "{} is kept as given: ", self.optic)?;
         match self.reason {
-            HeldBecause::Open => write!(to, "the observations leave it open"),
-            HeldBecause::HoldOut { held_px, freed_px } => {
+            HeldReason::Open => write!(to, "it is unobservable"),
+            HeldReason::HoldOut { held_px, freed_px } => {
                 write!(to, "observations held out are {held_px:.2} px off with it held, {freed_px:.2} px with it free")
             }
         }
     }
 }
 
-/// Why there is no answer at all.
+/// Why no camera could be calibrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SelfCalibrationError {
-    /// One camera, or none.
+    /// Fewer than two cameras.
     #[error("{count} cameras, expected at least 2")]
     TooFewCameras {
-        /// How many.
+        /// Number of cameras.
         count: usize,
     },
-    /// Not as many of one as of the other.
-    #[error("{cameras} cameras and {freedoms} lists of what is free, expected as many of each")]
+    /// Lists of different lengths.
+    #[error("{cameras} cameras and {freedoms} freedoms, expected as many of each")]
     LengthsDiffer {
-        /// How many cameras.
+        /// Number of cameras.
         cameras: usize,
-        /// How many lists.
+        /// Number of freedoms.
         freedoms: usize,
     },
-    /// A camera with a number that is none.
+    /// A camera that cannot be used.
     #[error("camera {camera}: {fault}")]
     BadCamera {
-        /// Which.
+        /// Index of the camera.
         camera: usize,
-        /// What is wrong.
+        /// The fault of the camera.
         fault: CameraError,
     },
-    /// An observation by nobody, or of nothing.
+    /// An observation of an unknown camera, or with a pixel that is not finite.
     #[error(
         "observation {observation} is of camera {camera} at pixel {pixel}, expected a camera below {cameras} and finite numbers"
     )]
     BadObservation {
-        /// Which.
+        /// Index of the observation.
         observation: usize,
         /// Its camera.
         camera: usize,
         /// Its pixel [px].
         pixel: Point2<f64>,
-        /// How many cameras there are.
+        /// Number of cameras.
         cameras: usize,
     },
-    /// Two pixels of one light in one picture.
+    /// Two observations of the light by one camera in one frame.
     #[error("camera {camera} sees the light twice in frame {frame}, expected once at most")]
     SeenTwice {
-        /// Which camera.
+        /// Index of the camera.
         camera: usize,
-        /// Which frame.
+        /// Number of the frame.
         frame: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected more than 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option out of range.
+    #[error("{option} is {found}, expected more than 0")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
+        /// Value that was found.
         found: f64,
     },
-    /// No two cameras could be calibrated together; the reason of each.
+    /// No two cameras could be calibrated together, with the reason for each.
     #[error("no two cameras could be calibrated: {}", status.iter().enumerate().map(|(camera, it)| format!("camera {camera}: {it}")).collect::<Vec<_>>().join("; "))]
     NothingCalibrated {
-        /// By camera.
+        /// Outcome for each camera.
         status: Vec<CameraStatus>,
     },
 }
 
 impl SelfCalibrationError {
-    /// Why, the cameras that it speaks of by `name`.
+    /// The error as words, with cameras called by `name`.
     pub fn sentence(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             SelfCalibrationError::BadCamera { camera, fault } => format!("{}: {fault}", name(*camera)),

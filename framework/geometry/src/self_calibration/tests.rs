@@ -262,7 +262,7 @@ fn bad_input_is_refused_by_place() {
     let fewer = self_calibrate(&truth, &[Freedom::POSE; 3], &seen, &options).unwrap_err();
     assert_eq!(fewer, SelfCalibrationError::LengthsDiffer { cameras: 4, freedoms: 3 });
     let bad = SelfCalibrationOptions { inlier_px: f64::NAN, ..options };
-    assert!(matches!(refused(&truth, &seen, &bad), SelfCalibrationError::BadRule { rule: "inlier_px", .. }));
+    assert!(matches!(refused(&truth, &seen, &bad), SelfCalibrationError::BadOption { option: "inlier_px", .. }));
     let mut cameras = truth.clone();
     cameras[2].intrinsics.focal[1] = f64::NAN;
     assert!(matches!(refused(&cameras, &seen, &options), SelfCalibrationError::BadCamera { camera: 2, .. }));
@@ -334,7 +334,7 @@ fn optics_that_predict_worse_than_those_given_are_given_back_and_the_focal_lengt
         for (index, held) in found.held.iter().enumerate().filter(|it| !it.1.is_empty()) {
             given_back += 1;
             for it in held {
-                let HeldBecause::HoldOut { held_px, freed_px } = it.reason else { panic!("{index}: {it}") };
+                let HeldReason::HoldOut { held_px, freed_px } = it.reason else { panic!("{index}: {it}") };
                 assert!(freed_px > 1.05 * held_px && held_px > 0.5, "{index}: {it}");
             }
             assert_eq!(found.freed[index], Freedom { focal: true, ..Freedom::POSE }, "{index}");

@@ -1,4 +1,4 @@
-//! A model from frames of labelled points.
+//! Learns a shape model from frames of labelled points.
 
 use foveate_estimation::principal::PrincipalError;
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
@@ -9,20 +9,20 @@ use super::judge::judge;
 use super::procrustes::{Aligned, align_frames};
 use super::{Bases, ShapeKind, ShapeModel, Usual};
 
-/// How [`acquire`] makes a model.
+/// Options of [`acquire`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AcquisitionOptions {
-    /// Which bases.
+    /// Kind of bases.
     pub kind: ShapeKind,
-    /// Bases at most.
+    /// Most bases.
     pub n_bases: usize,
-    /// Noise of a captured mark, standard deviation of one axis [m].
+    /// Noise of a captured mark, standard deviation of each axis [m].
     pub noise: f64,
-    /// For components: how much of a mark's movement is to be expected in ways that were not captured [–].
+    /// For components: expected movement of a mark beyond what was captured, relative to its captured movement [–].
     pub unseen: f64,
-    /// Marks this far apart still move together in such ways [m].
+    /// Correlation length of that additional movement [m].
     pub reach: f64,
-    /// Of the random choice of marks hidden from the trials.
+    /// Seed for the choice of marks hidden in the trials.
     pub seed: u64,
 }
 
@@ -40,63 +40,63 @@ impl AcquisitionOptions {
     }
 }
 
-/// Why there is no model.
+/// Why no model can be learnt.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AcquisitionError {
     /// Too few marks or frames.
     #[error("{marks} marks in {frames} frames make no model; expected 3 marks and 1 frame at least")]
     TooFew {
-        /// Marks.
+        /// Number of marks.
         marks: usize,
-        /// Frames.
+        /// Number of frames.
         frames: usize,
     },
-    /// A frame of another number of marks.
+    /// A frame with another number of marks.
     #[error("frame {frame} has {found} marks, expected {expected}, one for each label")]
     Lengths {
-        /// Which frame.
+        /// Index of the frame.
         frame: usize,
-        /// How many there are.
+        /// Number of marks in it.
         found: usize,
-        /// How many there should be.
+        /// Number that was expected.
         expected: usize,
     },
-    /// A position that is none.
+    /// A position that is not finite.
     #[error("frame {frame}, mark {label} is not finite")]
     NotFinite {
-        /// Which frame.
+        /// Index of the frame.
         frame: usize,
-        /// Which mark.
+        /// Label of the mark.
         label: u32,
     },
-    /// Labels are not ascending.
-    #[error("label {label} comes again or too late; expected ascending labels")]
+    /// Labels that are not ascending.
+    #[error("label {label} is repeated or out of order, expected ascending labels")]
     Labels {
-        /// Which.
+        /// The label.
         label: u32,
     },
     /// Marks on a line, or a mark that no usable frame has.
     #[error(
-        "the marks fix no pose: no frame has three of them that are not on a line, or one of them is in no such frame"
+        "the marks do not determine a pose: no frame has three of them off one line, or a mark is in no such frame"
     )]
     Degenerate,
-    /// A number among the rules that is out of range.
+    /// An option out of range.
     #[error("{what} of {found}; expected {expected}")]
     Options {
-        /// Which.
+        /// Which option.
         what: &'static str,
-        /// Its value.
+        /// Value that was found.
         found: f64,
-        /// What it may be.
+        /// What was expected.
         expected: &'static str,
     },
 }
 
 const LEAST_OF_NOISE: f64 = 0.25;
-/// Rounds in which marks missing from frames are filled and the bases made anew.
+/// Rounds in which marks missing from frames are filled and the bases made again.
 const FILLING_ROUNDS: usize = 3;
 
-/// Makes a model from `frames`, each with a place for every label; frames may stand anywhere, and lack marks.
+/// Learns a model from `frames`, each with an entry for every label. Frames may have any pose, and may lack marks.
 ///
 /// # Errors
 /// See [`AcquisitionError`].
@@ -207,7 +207,7 @@ pub(super) fn place_in(column: &[f64], mark: usize) -> Point3<f64> {
 }
 
 impl ShapeModel {
-    /// The same model with other bounds or variances: for comparisons.
+    /// The same model with other bases: for comparisons.
     pub fn with_bases(self, bases: Bases) -> ShapeModel {
         ShapeModel { bases, ..self }
     }

@@ -1,4 +1,4 @@
-//! A model fitted to the marks that are seen: pose, weights, and the places of those that are not.
+//! Fits a model to the visible marks: pose, weights, and the positions of hidden marks.
 
 use foveate_estimation::bounded::ActiveSet;
 use foveate_estimation::statistics::median;
@@ -13,30 +13,30 @@ const MEDIAN_OF_CHI_SQUARED_3: f64 = 2.366;
 /// Rounds of doubt in the first alignment, in which marks do not weigh that lie far off.
 const ALIGNMENT_ROUNDS: usize = 8;
 
-/// One mark as it was seen.
+/// An observed mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkObservation {
-    /// Which mark.
+    /// Label of the mark.
     pub label: u32,
-    /// Where [m].
+    /// Measured position [m].
     pub position: Point3<f64>,
-    /// Of that, in the same axes [m²].
+    /// Covariance of the position, in the same axes [m²].
     pub covariance: Matrix3<f64>,
 }
 
 impl MarkObservation {
-    /// From its parts.
+    /// A mark with its position and covariance.
     pub fn new(label: u32, position: Point3<f64>, covariance: Matrix3<f64>) -> Self {
         Self { label, position, covariance }
     }
 }
 
-/// How [`ShapeFitter::fit`] doubts.
+/// Options of [`ShapeFitter::fit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitOptions {
-    /// A mark is wrong where it is further from the place that the others give it, in standard deviations; infinite: none is [–].
+    /// Outlier gate: distance of a mark from its position as predicted by the others [σ]; infinite: no outliers [–].
     pub gate_sigmas: f64,
-    /// The part of the seen marks that may be wrong; where more seem to be, it is the shape that is not known, and none is left out [–].
+    /// Largest share of outliers among the visible marks; with more, the shape is taken as unknown and no mark is left out [–].
     pub wrong_at_most: f64,
 }
 
@@ -49,58 +49,59 @@ impl Default for FitOptions {
 /// A mark of the model after a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedMark {
-    /// Where the model has it, in the model's space [m].
+    /// Fitted position, in the model's space [m].
     pub position: Point3<f64>,
-    /// Of the true mark about this place, were it not seen, in the model's axes: by what is open of weights *and pose*, and what no weights explain [m²].
+    /// Covariance of a hidden mark about this position, in the model's axes: from the uncertainty of weights *and
+    /// pose*, and what no weights explain [m²].
     pub covariance: Matrix3<f64>,
 }
 
-/// What a fit found.
+/// A fitted shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedShape {
-    /// Takes points of the model's space to that of the observations.
+    /// Maps points of the model's space to that of the observations.
     pub measured_from_shape: Isometry3<f64>,
-    /// Of δ, (rotation, translation) [rad², rad m, m²].
+    /// Covariance of δ, (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// One for each base [–, or m for components].
+    /// Weight of each base [–, or m for components].
     pub weights: Vec<f64>,
-    /// One for each mark of the model, seen or not.
+    /// Each mark of the model, visible or not.
     pub marks: Vec<FittedMark>,
-    /// Root mean square distance between the seen marks that counted and the model's [m].
+    /// Root mean square distance between the used marks and the model's [m].
     pub rms: f64,
-    /// 0 within what was captured, 1 where it cannot be trusted.
+    /// Out-of-distribution score: 0 within the captured shapes, 1 where the fit cannot be trusted.
     pub out_of_distribution: f64,
-    /// Root mean square of what is left, over what noise and left-out components explain [–].
+    /// Root mean square residual over what noise and omitted components explain [–].
     pub misfit: f64,
     /// Root mean square of the weights over their standard deviations [–].
     pub strain: f64,
-    /// Labels of seen marks that did not count since they are elsewhere than all others say.
+    /// Labels of outliers.
     pub wrong: Vec<u32>,
 }
 
 /// Why there is no fit.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ShapeError {
-    /// Too few marks of the model.
-    #[error("{found} marks of the model are seen; expected 3 or more")]
+    /// Too few marks of the model are visible.
+    #[error("{found} marks of the model are visible, expected at least 3")]
     TooFew {
-        /// How many there are.
+        /// Number of visible marks.
         found: usize,
     },
-    /// Marks in one place or on a line.
-    #[error("{found} marks of the model are seen, all on a line: they fix no pose")]
+    /// The visible marks lie in one place or on a line.
+    #[error("the {found} visible marks of the model lie on a line: they do not determine a pose")]
     Collinear {
-        /// How many there are.
+        /// Number of visible marks.
         found: usize,
     },
-    /// A position or covariance that is none.
+    /// A position or covariance that is not finite.
     #[error("mark {label}: its position or covariance is not finite")]
     NotFinite {
-        /// Which.
+        /// Label of the mark.
         label: u32,
     },
     /// A covariance with a negative variance, or numbers that differ too much in size.
-    #[error("the marks do not go together with the model: no system of equations has an answer")]
+    #[error("the marks do not match the model: the equations have no solution")]
     Unsolvable,
 }
 
@@ -111,7 +112,7 @@ impl FittedShape {
     }
 }
 
-/// Fits a model to one moment after the other; the search for weights at bounds begins where the last one ended.
+/// Fits a model frame by frame; the search for weights at bounds starts where the last one ended.
 #[derive(Debug, Clone)]
 pub struct ShapeFitter {
     model: ShapeModel,
@@ -119,17 +120,17 @@ pub struct ShapeFitter {
 }
 
 impl ShapeFitter {
-    /// With this model, which must be without [`ShapeModel::fault`].
+    /// A fitter for `model`, which must be without [`ShapeModel::fault`].
     pub fn new(model: ShapeModel) -> Self {
         Self { model, set: None }
     }
 
-    /// The model.
+    /// The model in use.
     pub fn model(&self) -> &ShapeModel {
         &self.model
     }
 
-    /// The pose and shape that go best with `observations`. Marks that the model does not know are passed over, as is a label that comes again.
+    /// Pose and shape that fit `observations` best. Marks unknown to the model, and repeated labels, are ignored.
     ///
     /// # Errors
     /// See [`ShapeError`].

@@ -1,23 +1,25 @@
-//! Shapes that deform: learnt from frames in which all marks are seen, fitted to frames in which some are hidden [Davis 2002 §5.4].
+//! Deformable shape models: learnt from frames with all marks, fitted to frames in which some are hidden [Davis 2002 §5.4].
 //!
-//! A shape is a sum of bases, x(w) = o + B w, here with three numbers for each mark, in a space that moves with the head. Two kinds of bases:
+//! A shape is a sum of bases, x(w) = o + B w, here with three numbers for each mark, in a space that moves with the
+//! head. There are two kinds of bases:
 //!
 //! | | bases | weights | o |
 //! |---|---|---|---|
 //! | [`Bases::Faces`] | captured shapes, the most extreme ones along the principal components | each in 0..=1, the paper's way | 0 |
 //! | [`Bases::Components`] | principal components | of known variance: the prior | the mean shape |
 //!
-//! Components are those of the captured covariance and of a little more, [`AcquisitionOptions::unseen`]: neighbouring marks also move together
-//! in ways that were not captured, each as much in proportion as it was seen to move.
+//! Components are those of the captured covariance plus a little, [`AcquisitionOptions::unseen`]: neighbouring marks may also move together
+//! in directions that were not captured, in proportion to their captured movement.
 //!
-//! The fit ([`ShapeFitter`]) finds weights and pose at once, by Gauss and Newton, each mark counting by its own covariance. The uncertainty of a filled mark has two parts: what
-//! the seen marks leave open of weights and pose, and what no weights could explain. The second is learnt when the model is acquired: models are made without a
-//! stretch of the frames each, marks of that stretch are hidden, and the errors at them are kept.
+//! The fit ([`ShapeFitter`]) estimates weights and pose together by Gauss–Newton, each mark weighted by its own
+//! covariance. The covariance of a filled-in mark has two parts: the uncertainty of weights and pose from the visible
+//! marks, and what no weights explain. The second is learnt when the model is acquired: models are learnt without one
+//! stretch of the frames each, marks of that stretch are hidden, and their errors are kept.
 //!
 //! | here | meaning | unit |
 //! |---|---|---|
-//! | `label` | which mark, as its features are labelled | – |
-//! | `measured_from_shape` | takes points of the model's space to that of the sighted marks | –, m |
+//! | `label` | label of a mark, as its features are labelled | – |
+//! | `measured_from_shape` | maps points of the model's space to that of the observed marks | –, m |
 //! | δ | (rotation, translation) of `measured_from_shape` ∘ exp(δ) | rad, m |
 
 mod acquire;
@@ -34,7 +36,7 @@ pub use fit::{FitOptions, FittedMark, FittedShape, MarkObservation, ShapeError, 
 
 use nalgebra::{DMatrix, Matrix3, Point3};
 
-/// Which bases to take.
+/// Kind of bases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ShapeKind {
     /// Captured shapes with weights between bounds.
@@ -44,55 +46,55 @@ pub enum ShapeKind {
     Components,
 }
 
-/// What the weights of bases may be.
+/// Constraints of the weights.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Bases {
     /// The bases are shapes; each weight lies within these bounds, which may be infinite.
     Faces {
-        /// Least weight [–].
+        /// Lower bound of the weights [–].
         lowest: f64,
-        /// Largest weight [–].
+        /// Upper bound of the weights [–].
         highest: f64,
     },
-    /// The bases are directions off the mean shape, of this variance each; infinite: nothing is known beforehand [m²].
+    /// The bases are offsets from the mean shape, with these prior variances; infinite: no prior [m²].
     Components {
-        /// One for each base, above zero.
+        /// Variance of each base, above zero [m²].
         variances: Vec<f64>,
     },
 }
 
-/// What shapes of the kind that was captured do to the fit, though they themselves were not captured: 99 in 100 stay below.
+/// 99th percentiles of a fit's figures for held-out shapes of the captured kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Usual {
-    /// Root mean square of what is left at seen marks, over what noise and left-out components explain [–].
+    /// Root mean square residual at visible marks, over what noise and omitted components explain [–].
     pub misfit: f64,
     /// Root mean square of the weights over their standard deviations; 0 for faces, whose weights have none [–].
     pub strain: f64,
 }
 
-/// A shape that deforms.
+/// A deformable shape model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeModel {
-    /// Which marks, ascending.
+    /// Labels of the marks, ascending.
     pub labels: Vec<u32>,
-    /// By mark: its mean place, in the model's space [m].
+    /// By mark: mean position, in the model's space [m].
     pub mean: Vec<Point3<f64>>,
-    /// By mark: how far it moves about its mean, standard deviation of one axis [m].
+    /// By mark: standard deviation of its movement about the mean, each axis [m].
     pub spreads: Vec<f64>,
-    /// Three rows for each mark, a column for each base [m].
+    /// Bases: three rows for each mark, a column for each base [m].
     pub shapes: DMatrix<f64>,
-    /// What the weights may be.
+    /// Constraints of the weights.
     pub bases: Bases,
-    /// By mark: variance of one axis that the bases leave unexplained [m²].
+    /// By mark: variance of each axis that the bases do not explain [m²].
     pub unexplained: Vec<f64>,
-    /// By mark: error beyond what weights and pose leave open, where it is hidden [m²].
+    /// By mark: covariance, where it is hidden, beyond the uncertainty of weights and pose [m²].
     pub hidden: Vec<Matrix3<f64>>,
-    /// Against which a fit is held.
+    /// Reference figures for the out-of-distribution score.
     pub usual: Usual,
 }
 
 impl ShapeModel {
-    /// The place of the mark of this label among the marks.
+    /// Index of the mark with this label.
     pub fn index_of(&self, label: u32) -> Option<usize> {
         self.labels.binary_search(&label).ok()
     }
@@ -102,8 +104,7 @@ impl ShapeModel {
         self.shapes.ncols()
     }
 
-    /// The first thing about the model that does not go together, if there is any: what, and what is expected. For models that come from elsewhere than
-    /// [`acquire`].
+    /// The first inconsistency of the model, if any: what was found and expected. For models that do not come from [`acquire`].
     pub fn fault(&self) -> Option<String> {
         let n = self.labels.len();
         if n < 3 {

@@ -1,7 +1,7 @@
-//! Frames of marks brought into one space that moves with the head, by the marks that keep their distances.
+//! Generalised Procrustes analysis: frames of marks aligned in one space that moves with the head, by the marks that keep their distances.
 //!
-//! Generalised Procrustes analysis (J. C. Gower, "Generalized Procrustes analysis", Psychometrika 40, 1975), each mark weighted by how little
-//! it moves in the space found so far: the forehead and the nose decide, the lips do not.
+//! J. C. Gower, "Generalized Procrustes analysis", Psychometrika 40, 1975, with each mark weighted by how little it
+//! moves in the space found so far: forehead and nose dominate, the lips do not.
 
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 

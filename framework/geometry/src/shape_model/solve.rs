@@ -1,6 +1,7 @@
-//! Weights and pose at once: Gauss and Newton over the pose, and for each pose the weights, within their bounds.
+//! Weights and pose together: Gauss–Newton over the pose, and for each pose the weights within their bounds.
 //!
-//! With p = R⁻¹ (y − t) a sighted mark in the model's space and δ a step of the pose, p + [p]ₓ δθ − δt = o + B w is linear in (δ, w). Its normal equations
+//! With p = R⁻¹ (y − t) an observed mark in the model's space and δ a step of the pose, p + [p]ₓ δθ − δt = o + B w is
+//! linear in (δ, w). Its normal equations
 //!
 //! | H_δδ H_δw | δ |   | b_δ |
 //! | H_wδ G    | w | = | b_w |

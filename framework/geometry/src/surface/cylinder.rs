@@ -1,25 +1,26 @@
-//! The circular cylinder that fits points best.
+//! Least-squares fit of a circular cylinder.
 //!
-//! Where normals are known the axis is across all of them: it starts as the least eigenvector of Σ n nᵀ, the circle across it as the algebraic one of I. Kåsa, "A circle
-//! fitting procedure and its error analysis", IEEE Trans. Instrumentation and Measurement 25(1), 1976. Then Σ (distance to the axis − radius)² is least over a
-//! point and a direction of the axis (two numbers each) and the radius, by Gauss and Newton.
+//! Where normals are known the axis is perpendicular to all of them: it starts as the least eigenvector of Σ n nᵀ, the
+//! circle across it as the algebraic one of I. Kåsa, "A circle fitting procedure and its error analysis", IEEE Trans.
+//! Instrumentation and Measurement 25(1), 1976. Then Σ (distance to the axis − radius)² is minimised over a point and
+//! a direction of the axis (two numbers each) and the radius by Gauss–Newton.
 
 use nalgebra::{Matrix3, Matrix5, Point3, SMatrix, Unit, Vector3, Vector5};
 
 use super::SurfacePoint;
 
-/// A cylinder without ends.
+/// A fitted cylinder without ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cylinder {
-    /// The point of the axis nearest to the middle of the points [m].
+    /// The point on the axis nearest to the centroid of the points [m].
     pub point: Point3<f64>,
-    /// Along the axis; its largest component is positive.
+    /// Unit direction of the axis; its largest component is positive.
     pub direction: Unit<Vector3<f64>>,
-    /// [m].
+    /// Radius [m].
     pub radius: f64,
-    /// Of the radius, if distances are independent and as large as they turned out [m].
+    /// Standard deviation of the radius, from the residuals taken as independent [m].
     pub radius_sigma: f64,
-    /// Root mean square distance of the points from it [m].
+    /// Root mean square distance of the points from the surface [m].
     pub rms: f64,
 }
 
@@ -31,13 +32,13 @@ const DONE: f64 = 1e-12;
 const FLAT: f64 = 1e-4;
 
 impl Cylinder {
-    /// How far outside a point lies; negative inside [m].
+    /// Signed distance of a point from the surface; negative inside [m].
     pub fn distance(&self, point: &Point3<f64>) -> f64 {
         let off = point - self.point;
         (off - self.direction.into_inner() * self.direction.dot(&off)).norm() - self.radius
     }
 
-    /// Fits points with normals; `None` for fewer than six, for those of a plane, and where there is no minimum.
+    /// Fits a cylinder to points with normals; `None` for fewer than six points, for points of a plane, and without convergence.
     pub fn fit(points: &[SurfacePoint]) -> Option<Cylinder> {
         if points.len() < 6 {
             return None;

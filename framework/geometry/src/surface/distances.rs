@@ -1,61 +1,62 @@
-//! How far two shapes that lie in one space are apart, both ways, and how much of the second the first covers.
+//! Distances between two shapes in one space, both ways, and how much of the second the first covers.
 //!
-//! From each point of the one the distance to the nearest place of the other is taken. Where that place is an edge, the point lies beside the other shape, and its distance says nothing about
-//! how right either is: such points are counted apart, and so are those farther away than is looked.
+//! From each point of one shape the distance to the nearest place of the other is taken. Where that place is an open
+//! edge, the point lies beside the other shape, and its distance says nothing about the accuracy of either: such
+//! points are counted separately, and so are those beyond the search distance.
 
 use foveate_estimation::statistics::percentile;
 use nalgebra::{Point3, Vector3};
 
 use super::{Shape, SurfacePoint};
 
-/// What counts.
+/// Options of [`distances`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DistanceOptions {
-    /// Pairs farther apart are counted as far, and else left out [m].
+    /// Search distance: points farther away are counted as far, and left out otherwise [m].
     pub most: f64,
-    /// The second shape is covered where the first one is so near [m].
+    /// The second shape counts as covered where the first one is this near [m].
     pub covers: f64,
-    /// Places on a shape of triangles from which distances are measured [–].
+    /// Number of samples on a triangle mesh from which distances are measured [–].
     pub n_samples: usize,
 }
 
-/// From one shape to another.
+/// Distances from one shape to another.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Distances {
-    /// Points that lie before or behind the other shape and near enough: those of the figures below.
+    /// Number of points in front of or behind the other shape and within the search distance; the figures below are of these.
     pub n: usize,
-    /// Points beside it.
+    /// Number of points beside the other shape.
     pub n_beside: usize,
-    /// Points before or behind it that are farther away than is looked.
+    /// Number of points in front of or behind it beyond the search distance.
     pub n_far: usize,
     /// Median distance [m].
     pub median: f64,
     /// 95th percentile [m].
     pub p95: f64,
-    /// Root of the mean square [m].
+    /// Root mean square distance [m].
     pub rms: f64,
-    /// The largest [m].
+    /// Largest distance [m].
     pub max: f64,
-    /// Mean with its sign, positive on the side to which the other's normals look; none where these are not known [m].
+    /// Mean signed distance, positive on the side of the other's normals; `None` where normals are unknown [m].
     pub mean: Option<f64>,
 }
 
-/// Both ways.
+/// Distances both ways, and coverage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeDistances {
     /// From the first to the second.
     pub to_second: Distances,
     /// From the second to the first.
     pub to_first: Distances,
-    /// Part of the second that the first covers: of its area, or of its points [–].
+    /// Part of the second shape that the first covers: of its area, or of its points [–].
     pub coverage: f64,
-    /// By point or corner of the first: distance to the second, with its sign where normals are known, else none; NaN where it does not count [m].
+    /// By point or corner of the first: distance to the second, signed where normals are known; NaN where it is not counted [m].
     pub of_points: Vec<f64>,
-    /// Whether these have a sign.
+    /// Whether these are signed.
     pub is_signed: bool,
 }
 
-/// Measures `first` against `second`.
+/// Distances between `first` and `second`, which lie in one space.
 pub fn distances(first: &Shape, second: &Shape, options: &DistanceOptions) -> ShapeDistances {
     let is_signed = second.is_mesh() || second.normals().iter().any(|it| *it != Vector3::zeros());
     let of_points: Vec<f64> = in_parallel(first.points(), |it| match measured(it, second, options.most) {

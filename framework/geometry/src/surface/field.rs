@@ -1,4 +1,4 @@
-//! A truncated signed distance field, in blocks where there is a surface: the mean of many clouds.
+//! A truncated signed distance field (TSDF), in blocks where there is a surface: the fusion of many clouds.
 //!
 //! Source: B. Curless and M. Levoy, "A volumetric method for building complex models from range images", SIGGRAPH 1996; stored by blocks as in M. Nießner, M. Zollhöfer, S. Izadi,
 //! M. Stamminger, "Real-time 3D reconstruction at scale using voxel hashing", SIGGRAPH Asia 2013.
@@ -6,8 +6,9 @@
 //! Each point enters the voxels along its normal, up to `truncation` voxels to either side, with the distance from its plane: positive outside. In the two other directions its weight
 //! falls linearly to 0 at one voxel. The weight is 1/σ² along the normal, so that a voxel holds the mean of least variance.
 //!
-//! A voxel also keeps how far its points lie from their mean. Points that contradict each other by more than their noise say that something else is wrong, such as the pose of a cloud or a shape
-//! that changed, and that does not become less with more points. Of a surface that `changes` newer points are right: where they contradict older ones these give way.
+//! A voxel also keeps the scatter of its points about their mean. Points that contradict each other beyond their noise
+//! indicate another error, such as the pose of a cloud or a shape that changed, which more points do not reduce. On a
+//! surface that `changes`, newer points take precedence: contradicting older ones are discarded.
 
 use nalgebra::{Point3, Vector3};
 
@@ -18,16 +19,16 @@ use super::key::{CellTable, key};
 pub(super) const SIDE: usize = 8;
 const VOLUME: usize = SIDE * SIDE * SIDE;
 
-/// How a field is made.
+/// Options of a [`DistanceField`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldOptions {
-    /// From voxel to voxel [m].
+    /// Edge of a voxel [m].
     pub voxel_m: f64,
-    /// How far from the surface distances are kept [voxels].
+    /// Truncation: distances are kept up to this far from the surface [voxels].
     pub truncation: f64,
-    /// Blocks of 8 × 8 × 8 voxels at most: each takes 16 kB.
+    /// Most blocks of 8 × 8 × 8 voxels; each takes 16 kB.
     pub max_blocks: usize,
-    /// Whether the surface may change its shape: points that came before the field was last made to fade give way to later ones that contradict them.
+    /// Whether the surface may change its shape: points from before the last [`DistanceField::fade`] are replaced by later ones that contradict them.
     pub changes: bool,
 }
 
@@ -58,18 +59,18 @@ const GIVES_WAY: f32 = 0.1;
 /// A point speaks for a voxel in which its kernel is at least this [–].
 const SPEAKS: f64 = 0.25;
 
-/// What became of a point.
+/// Outcome of adding a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fused {
-    /// It is in the field.
+    /// The point is in the field.
     Yes,
-    /// It has no normal, or is not finite, or too far away.
+    /// The point has no normal, or is not finite, or too far away.
     Unfit,
-    /// It would need more blocks than there may be.
+    /// The point would need more blocks than allowed.
     Full,
 }
 
-/// Signed distances from a surface, where there is one.
+/// A truncated signed distance field that points are fused into.
 #[derive(Debug, Clone)]
 pub struct DistanceField {
     options: FieldOptions,
@@ -79,22 +80,22 @@ pub struct DistanceField {
 }
 
 impl DistanceField {
-    /// Without a point yet.
+    /// An empty field.
     pub fn new(options: FieldOptions) -> DistanceField {
         DistanceField { options, table: CellTable::default(), places: Vec::new(), blocks: Vec::new() }
     }
 
-    /// How it was made.
+    /// The options of the field.
     pub fn options(&self) -> &FieldOptions {
         &self.options
     }
 
-    /// Blocks that there are.
+    /// Number of blocks.
     pub fn n_blocks(&self) -> usize {
         self.blocks.len()
     }
 
-    /// Adds a point with its colour [gray level].
+    /// Fuses a point with its colour [gray level] into the field.
     pub fn fuse(&mut self, point: &SurfacePoint, colour: [u8; 3]) -> Fused {
         let variance = point.variance_along(&point.normal);
         let normal = point.normal;
@@ -142,7 +143,7 @@ impl DistanceField {
         result
     }
 
-    /// Makes all points so far count `share` of what they did, 0 to 1: those to come then say more about what has changed.
+    /// Multiplies the weight of all points so far by `share`, 0 to 1, so that later points count more.
     pub fn fade(&mut self, share: f64) {
         let share = share as f32;
         for voxel in self.blocks.iter_mut().flat_map(|it| it.iter_mut()) {
@@ -184,7 +185,7 @@ impl DistanceField {
         Some(&self.blocks[block][place]).filter(|it| it.n_points >= min_points)
     }
 
-    /// Distance from the surface at a point [m], positive outside; `None` where it is not known.
+    /// Signed distance of a point from the surface [m], positive outside; `None` where the field is empty.
     pub fn distance(&self, point: &Point3<f64>) -> Option<f64> {
         let place = point.coords / self.options.voxel_m;
         let low = place.map(f64::floor);

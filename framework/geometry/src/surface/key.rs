@@ -1,4 +1,4 @@
-//! Cells of space by number, and a quick table of them.
+//! Cells of space by number, and a fast table of them.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};

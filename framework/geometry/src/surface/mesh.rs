@@ -1,44 +1,46 @@
-//! The surface of a distance field as triangles.
+//! The surface of a distance field as triangles: surface nets.
 //!
 //! Source: S. F. F. Gibson, "Constrained elastic surface nets", MICCAI 1998: one vertex in each cell of eight voxels that the surface passes, at the mean of where it crosses the cell's edges, and two
-//! triangles around each edge that it crosses. Beside marching cubes that is half as many vertices, no slivers, and no table of cases; each vertex is then moved onto the surface along the
-//! field's gradient, so that nothing is smoothed. Cells with a voxel that is not known have no vertex: the surface ends where it was not seen, and where points contradict each other.
+//! triangles around each edge that it crosses. Compared with marching cubes that is half as many vertices, no slivers,
+//! and no table of cases; each vertex is then moved onto the surface along the
+//! field's gradient, so that nothing is smoothed. Cells with an unknown voxel have no vertex: the surface ends where
+//! it was not observed, and where points contradict each other.
 
 use nalgebra::{Point3, Vector3};
 
 use super::field::{DistanceField, SIDE, Voxel};
 
-/// How a surface is taken from a field.
+/// Options of [`DistanceField::mesh`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
-    /// Points that a voxel needs to be used [–].
+    /// Least number of points for a voxel to be used [–].
     pub min_points: f64,
-    /// Pieces of fewer triangles are left out [–].
+    /// Least number of triangles of a connected piece [–].
     pub min_triangles: usize,
 }
 
-/// A corner of triangles.
+/// A vertex of a triangle mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceVertex {
-    /// Where [m].
+    /// Position [m].
     pub position: Point3<f64>,
-    /// Out of the surface, of length 1 [–].
+    /// Unit normal, outwards [–].
     pub normal: Vector3<f64>,
-    /// Mean of its points [gray level].
+    /// Mean colour of its points [gray level].
     pub colour: [u8; 3],
-    /// As many points as its mean is worth [–].
+    /// Equivalent number of points behind its mean [–].
     pub n_points: f64,
-    /// Standard deviation along the normal: what noise of points leaves of their mean, and by how much they contradict each other beyond their noise, whatever their number; not what they all have
-    /// in common [m].
+    /// Standard deviation along the normal, from the noise of the mean and from contradictions between points beyond
+    /// their noise; without errors common to all points [m].
     pub sigma: f64,
 }
 
-/// A surface.
+/// A triangle mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
-    /// Corners.
+    /// Vertices.
     pub vertices: Vec<SurfaceVertex>,
-    /// By corner, counter-clockwise from outside.
+    /// Vertex indices of each triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -59,7 +61,7 @@ const EDGES: [[usize; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 impl DistanceField {
-    /// The surface as it is now.
+    /// Extracts the present surface.
     pub fn mesh(&self, options: &MeshOptions) -> TriangleMesh {
         let min_points = (options.min_points as f32).max(f32::MIN_POSITIVE);
         let mut mesh = TriangleMesh::default();
@@ -234,7 +236,7 @@ impl TriangleMesh {
         self.vertices = kept;
     }
 
-    /// Sum of the triangles' areas [m²].
+    /// Area of the mesh [m²].
     pub fn area(&self) -> f64 {
         let area = |it: &[u32; 3]| {
             let [a, b, c] = it.map(|corner| self.vertices[corner as usize].position);

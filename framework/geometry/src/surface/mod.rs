@@ -1,20 +1,20 @@
-//! Surfaces from points: one cloud registered to another, clouds fused into a distance field, and the triangles of that.
+//! Surfaces from points: registration of clouds, fusion into a distance field, meshes, and distances between shapes.
 //!
 //! | file | what it gives |
 //! |---|---|
-//! | [`patches`] | oriented points gathered in cells, coarse to fine: what a cloud is registered to |
-//! | [`range_image`] | the same by projection into the camera that saw them |
-//! | [`registration`] | the pose of a cloud on a surface, point to plane, with its covariance and what the geometry leaves open |
-//! | [`normals`] | normals of points that come without |
-//! | [`field`] | a truncated signed distance field in blocks, fused from oriented points |
+//! | [`patches`] | oriented points in cells, coarse to fine, as a target of registration |
+//! | [`range_image`] | the same by projection into the camera that observed them |
+//! | [`registration`] | ICP: pose of a cloud on a surface, point to plane, with covariance and unobservable directions |
+//! | [`normals`] | normals of points without them |
+//! | [`field`] | a truncated signed distance field (TSDF) in blocks, fused from oriented points |
 //! | [`mesh`] | its surface as triangles |
-//! | [`ply`] | points and triangles of files of any program |
-//! | [`shape`] | triangles or points to measure distances to |
-//! | [`placing`] | how one shape lies on another, from anywhere |
-//! | `planes` | the same of shapes that are mostly one plane |
-//! | [`cylinder`] | the circular cylinder that fits points best |
-//! | [`roughness`] | what points deviate from a quadric around them |
-//! | [`distances`] | how far two shapes are apart, both ways |
+//! | [`ply`] | reader of PLY files |
+//! | [`shape`] | triangles or points with nearest-point queries |
+//! | [`placing`] | global registration of one shape on another, without a start |
+//! | `planes` | the same for shapes that are mostly one plane |
+//! | [`cylinder`] | least-squares cylinder |
+//! | [`roughness`] | deviation of points from a local quadric |
+//! | [`distances`] | distances between two shapes, both ways |
 
 pub mod cylinder;
 pub mod distances;
@@ -47,14 +47,14 @@ pub use registration::{Registration, RegistrationError, RegistrationOptions, reg
 pub use roughness::roughness;
 pub use shape::{Nearest, Shape};
 
-/// One point of a surface.
+/// A point of a surface, with covariance and normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Where it is [m].
+    /// Position [m].
     pub position: Point3<f64>,
-    /// Of the position; symmetric [m²].
+    /// Covariance of the position; symmetric [m²].
     pub covariance: Matrix3<f64>,
-    /// Out of the surface, of length 1; zero where it is not known [–].
+    /// Unit normal, outwards; zero where it is unknown [–].
     pub normal: Vector3<f64>,
 }
 
@@ -74,27 +74,27 @@ impl SurfacePoint {
 /// The part of a surface nearest to a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Which part: points that share one share its error.
+    /// Index of the part; points matched to the same part share its error.
     pub number: usize,
-    /// A point of it [m].
+    /// A point of the part [m].
     pub position: Point3<f64>,
-    /// Out of the surface, of length 1 [–].
+    /// Unit normal, outwards [–].
     pub normal: Vector3<f64>,
-    /// Of the position along the normal [m²].
+    /// Variance of the position along the normal [m²].
     pub variance: f64,
 }
 
-/// A surface that clouds can be registered to.
+/// A surface to register clouds to.
 pub trait Surface {
-    /// Of how many levels of detail it is; level 0 is the finest.
+    /// Number of levels of detail; level 0 is the finest.
     fn n_levels(&self) -> usize;
 
-    /// How far from a point its match may be at a level [m].
+    /// Largest distance of a match from its point at a level [m].
     fn reach(&self, level: usize) -> f64;
 
-    /// How far the surface may bend away from the plane of a match within the reach, standard deviation [m].
+    /// Standard deviation of the surface about the plane of a match, within the reach [m].
     fn bend(&self, level: usize) -> f64;
 
-    /// What is nearest to `point` at a level; `None`: nothing within reach.
+    /// The part nearest to `point` at a level; `None`: nothing within reach.
     fn nearest(&self, level: usize, point: &Point3<f64>) -> Option<Match>;
 }

@@ -1,4 +1,4 @@
-//! Normals of points that come without: the plane of least squares through the neighbours of each.
+//! Normals of points without them: the least-squares plane through the neighbours of each.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -12,8 +12,9 @@ const MIN_BREADTH: f64 = 0.25;
 /// What is left across the plane is at most this part of its second extent [–].
 const MAX_THICKNESS: f64 = 0.5;
 
-/// Gives each point without a normal that of its neighbours within `radius_m`, towards `viewpoint`. Points of which too few neighbours are there, or whose neighbours lie
-/// along a line, as those of one stripe do, or are no surface, keep none. How many those are.
+/// Gives each point without a normal that of its neighbours within `radius_m`, towards `viewpoint`. Points with too
+/// few neighbours, or whose neighbours lie along a line (as in one stripe) or form no surface, get none; returns how
+/// many.
 pub fn find_normals(points: &mut [SurfacePoint], radius_m: f64, viewpoint: &Point3<f64>) -> usize {
     let mut table = CellTable::default();
     let mut next: Vec<Option<u32>> = vec![None; points.len()];

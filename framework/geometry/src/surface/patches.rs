@@ -1,7 +1,8 @@
-//! Oriented points gathered in cells, coarse to fine: a surface that grows and that clouds are registered to.
+//! Oriented points in cells, coarse to fine: a growing surface to register clouds to.
 //!
-//! Each cell keeps the mean of its points and of their normals, weighted by 1/σ² along the normal. Cells of a level are twice as wide as those of the level below it, so
-//! that a poor start finds its way on the coarse levels, at the cost of a look at 27 cells for a point on any of them.
+//! Each cell keeps the mean of its points and of their normals, weighted by 1/σ² along the normal. Cells of a level
+//! are twice as wide as those of the level below, so that a poor start converges on the coarse levels; a query costs a
+//! look at 27 cells on any level.
 
 use nalgebra::{Point3, Vector3};
 
@@ -31,7 +32,7 @@ struct Level {
     patches: Vec<Patch>,
 }
 
-/// Oriented points in cells, on several levels.
+/// A surface of oriented points in cells, on several levels.
 #[derive(Debug, Clone)]
 pub struct Patches {
     levels: Vec<Level>,
@@ -39,7 +40,8 @@ pub struct Patches {
 }
 
 impl Patches {
-    /// Without a point yet; the finest cells `cell_m` wide, each of `n_levels` levels twice as coarse as the one before; at most `max_patches` on the finest.
+    /// An empty surface; the finest cells are `cell_m` wide, each of `n_levels` levels twice as coarse as the one
+    /// before; at most `max_patches` cells on the finest.
     pub fn new(cell_m: f64, n_levels: usize, max_patches: usize) -> Patches {
         let level = |number: usize| Level {
             size_m: cell_m * f64::from(1_u32 << number.min(20)),
@@ -49,7 +51,8 @@ impl Patches {
         Patches { levels: (0..n_levels.max(1)).map(level).collect(), max_patches }
     }
 
-    /// Adds a point. Points without a normal, not finite, or too far away are passed over, and those in new cells when there are `max_patches`: `false`.
+    /// Adds a point. Returns `false` for points without a normal, not finite, or too far away, and for points in new
+    /// cells when there are `max_patches`.
     pub fn add(&mut self, point: &SurfacePoint) -> bool {
         let variance = point.variance_along(&point.normal);
         if !point.is_sound() || point.normal == Vector3::zeros() || variance <= 0.0 {
@@ -75,7 +78,7 @@ impl Patches {
         true
     }
 
-    /// Makes all points so far count `share` of what they did, above 0 to 1.
+    /// Multiplies the weight of all points so far by `share`, above 0 to 1.
     pub fn fade(&mut self, share: f64) {
         for patch in self.levels.iter_mut().flat_map(|it| &mut it.patches) {
             patch.weight *= share;
@@ -84,17 +87,17 @@ impl Patches {
         }
     }
 
-    /// Cells of the finest level that hold something.
+    /// Number of occupied cells on the finest level.
     pub fn len(&self) -> usize {
         self.levels.first().map_or(0, |it| it.patches.len())
     }
 
-    /// Whether there are none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The mean normal around a point, on a level, of length 1.
+    /// Mean unit normal around a point, on a level.
     pub fn normal_at(&self, level: usize, point: &Point3<f64>) -> Option<Vector3<f64>> {
         let level = self.levels.get(level)?;
         let place = *level.table.get(&key(cell_of(point, level.size_m))?)?;

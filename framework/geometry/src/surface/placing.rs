@@ -1,11 +1,15 @@
-//! How one shape lies on another when nothing is known of it: from anywhere, rigidly or with a scale.
+//! Global registration: the pose of one shape on another without a start, rigid or with a scale.
 //!
-//! 1. From many rotations that are spread evenly, each with the middle of the one shape on the middle of that part of the other which would face the same way, coarse registrations begin; the place given is
+//! 1. Coarse registrations start from many evenly spread rotations, each with the middle of the one shape on the
+//!    middle of that part of the other which would face the same way; the given pose is
 //!    one of the starts.
-//! 2. Where both are mostly one plane, which would drown what says how they lie, further starts come from what stands out of it, and such points count four times as much as all others together.
-//! 3. The starts that lay most of the shape on the other go on with all detail.
-//! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or without a scale: Gauss–Newton steps under Tukey's weights.
-//! 5. All of it is done again without the planes that hold most of either shape, up to three: what stands before a wall, and a wall that only one of both shows. What is kept is where most of both lies on the other.
+//! 2. Where both shapes are mostly one plane, which would dominate, further starts come from what stands out of it,
+//!    and such points count four times as much as all others together.
+//! 3. The starts that lay most of the shape on the other continue with full detail.
+//! 4. The best of these is adjusted, point to plane, against the exact nearest places of the other shape, with or
+//!    without a scale: Gauss–Newton steps under Tukey's weights.
+//! 5. All of it is repeated without the planes that hold most of either shape, up to three: objects in front of a
+//!    wall, and a wall that only one shape shows. The result with most overlap of both is kept.
 //!
 //! Sources: M. Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022 (rotations); those of [`super::registration`].
 //!
@@ -24,49 +28,49 @@ use super::planes::{Flat, starts};
 use super::registration::slides;
 use super::{Patches, RegistrationOptions, Shape, SurfacePoint, register};
 
-/// How a shape is placed.
+/// Options of [`place`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacingOptions {
-    /// Whether lengths in a may have another scale than in b, a little.
+    /// Whether to estimate a scale near 1 between a and b.
     pub scale: bool,
-    /// Rotations that are tried [–].
+    /// Number of rotations tried [–].
     pub n_starts: usize,
-    /// Pairs farther apart than this do not count [m].
+    /// Largest distance of a pair [m].
     pub most: f64,
 }
 
-/// Where a shape lies on another.
+/// The pose of a shape on another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placing {
-    /// Takes points of a to b.
+    /// Maps points of a to b.
     pub b_from_a: Similarity3<f64>,
-    /// Part of a's points that lie on b, within what scatters [–].
+    /// Part of a's points that lie on b, within the scatter [–].
     pub overlap: f64,
     /// Robust standard deviation of the distances along b's normals [m].
     pub sigma: f64,
-    /// Directions of the six in which a slides along b without a distance: its place there is not known.
+    /// Number of directions, of six, in which a slides along b: unobservable.
     pub n_open: usize,
-    /// How far another pose that fits nearly as well is turned from this one, and how far it moves the middle [rad, m]: a symmetry.
+    /// Rotation and shift of the middle to another pose that fits nearly as well [rad, m]: a symmetry.
     pub other: Option<(f64, f64)>,
 }
 
-/// Why there is no place.
+/// Why no pose was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlacingError {
-    /// Of either shape.
+    /// Either shape has too few points with normals.
     #[error("{count} points with a normal, expected at least {expected}")]
     TooFewPoints {
-        /// How many there are.
+        /// Number of points.
         count: usize,
-        /// How many there must be.
+        /// Number that is needed.
         expected: usize,
     },
-    /// From no start was a place found.
+    /// No start led to enough overlap.
     #[error("{:.0} % of one lie on the other at best, expected at least {:.0} %", 100.0 * overlap, 100.0 * expected)]
     NoOverlap {
-        /// The part that does.
+        /// Best overlap that was found.
         overlap: f64,
-        /// The part that must.
+        /// Overlap that is needed.
         expected: f64,
     },
 }
@@ -106,7 +110,7 @@ const LEAST_COSINE: f64 = 0.5;
 /// Mean squared cosine between motion and normal from which on a direction is held, as in [`RegistrationOptions`].
 const MIN_HOLD: f64 = 0.003;
 
-/// Places `a` on `b`, both in the same unit. Normals of `a`, where they are known, look to the same side as those of `b`.
+/// Finds the pose of `a` on `b`, both in the same unit. Normals of `a`, where known, point to the same side as those of `b`.
 ///
 /// # Errors
 /// See [`PlacingError`].

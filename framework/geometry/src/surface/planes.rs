@@ -1,9 +1,10 @@
-//! Where one shape may lie on another when both are mostly one plane, such as a wall with things before it: laid plane on plane, what stands out says how.
+//! Starts of global registration for shapes that are mostly one plane, such as a wall with objects: plane on plane, aligned by what stands out.
 //!
-//! 1. The plane of most points of each shape is found from random triples.
-//! 2. Heights over the plane become a map, a cell a place.
-//! 3. Turned by each of many angles, places that stand out vote for the shifts that bring them to places of the other map that stand out as much (a Hough transform); what got most votes is
-//!    judged by all that both maps know.
+//! 1. The plane with most points of each shape is found from random triples.
+//! 2. Heights over the plane become a map of cells.
+//! 3. For each of many angles, cells that stand out vote for the shifts that bring them to cells of the other map that
+//!    stand out as much (a Hough transform); the shifts with most votes are
+//!    judged by all cells that both maps know.
 //!
 //! Sources: M. Fischler and R. Bolles, "Random sample consensus", CACM 24(6), 1981; D. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13(2), 1981.
 

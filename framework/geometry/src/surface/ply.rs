@@ -1,36 +1,37 @@
-//! Points and triangles of PLY files, of any program: ASCII or binary, with whatever else stands in them.
+//! Reader of PLY files from any program: ASCII or binary, points and triangles.
 //!
-//! Read are `x`, `y`, `z`, `nx`, `ny`, `nz` of the element `vertex` and the list `vertex_indices` (or `vertex_index`) of `face`; polygons become triangles around their first corner. All else is passed
-//! over. Vertices that are not finite are left out, with the triangles that they are corners of.
+//! Properties read are `x`, `y`, `z`, `nx`, `ny`, `nz` of the element `vertex` and the list `vertex_indices` (or
+//! `vertex_index`) of `face`; polygons become triangles around their first corner. Everything else is skipped.
+//! Vertices that are not finite are left out, with their triangles.
 //!
 //! Source: G. Turk, "The PLY polygon file format", 1994.
 
 use nalgebra::{Point3, Vector3};
 
-/// What a PLY file holds of a shape.
+/// The shape in a PLY file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PlyShape {
     /// Vertices, in the file's unit.
     pub points: Vec<Point3<f64>>,
-    /// By vertex, of length 1, zero where there is none; empty where the file has none [–].
+    /// Unit normal of each vertex, zero where it has none; empty where the file has no normals [–].
     pub normals: Vec<Vector3<f64>>,
-    /// Corners by triangle; empty for a cloud.
+    /// Vertex indices of each triangle; empty for a cloud.
     pub triangles: Vec<[u32; 3]>,
-    /// Metres to the file's unit, where a comment says it.
+    /// Length of the file's unit in metres, where a comment states it.
     pub metres_per_unit: Option<f64>,
-    /// Vertices that were left out, because they are not finite.
+    /// Number of vertices left out because they are not finite.
     pub n_not_finite: usize,
 }
 
-/// Why a file is none.
+/// Why a file cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: found {found}, expected {expected}")]
 pub struct PlyError {
-    /// Where: a line of the header, or an item of an element.
+    /// Place: a line of the header, or an item of an element.
     pub place: String,
-    /// What stands there.
+    /// What was found.
     pub found: String,
-    /// What should.
+    /// What was expected.
     pub expected: &'static str,
 }
 
@@ -117,10 +118,10 @@ pub fn is_ply(start: &[u8]) -> bool {
     start.starts_with(b"ply\n") || start.starts_with(b"ply\r")
 }
 
-/// Reads the bytes of a file.
+/// Reads a PLY file.
 ///
 /// # Errors
-/// What is wrong, and where.
+/// The place, what was found and what was expected.
 pub fn read(bytes: &[u8]) -> Result<PlyShape, PlyError> {
     let Header { format, elements, metres_per_unit, body } = header(bytes)?;
     let mut shape = PlyShape { metres_per_unit, ..PlyShape::default() };

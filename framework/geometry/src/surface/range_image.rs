@@ -1,4 +1,4 @@
-//! A surface as the pixels of the camera that saw it: the match of a point is what lies at its pixel, so that nothing has to be searched.
+//! A surface as the pixels of the camera that observed it: a point is matched to the point at its pixel, without a search.
 //!
 //! Source: G. Blais and M. D. Levine, "Registering multiview range data to create 3D computer objects", TPAMI 17(8), 1995 (projective registration).
 
@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{Match, Surface, SurfacePoint};
 use crate::camera::Camera;
 
-/// Points by pixel.
+/// Points by the pixel of a camera.
 #[derive(Debug, Clone)]
 pub struct RangeImage {
     camera: Camera,
@@ -17,7 +17,7 @@ pub struct RangeImage {
 }
 
 impl RangeImage {
-    /// Of points in the world that `camera` saw from where it stands in that world. `reaches_m`: how far a match may be, finest level first.
+    /// The image of points in the world as `camera` sees them at its pose. `reaches_m`: the largest distance of a match, finest level first.
     pub fn new(camera: Camera, points: impl IntoIterator<Item = SurfacePoint>, reaches_m: Vec<f64>) -> RangeImage {
         let [columns, rows] = camera.image_size.map(|it| it as usize);
         let mut image = RangeImage { camera, points: vec![None; columns * rows], reaches_m };
@@ -34,7 +34,7 @@ impl RangeImage {
         image
     }
 
-    /// Where the camera stands.
+    /// Pose of the camera.
     pub fn camera_from_world(&self) -> &Isometry3<f64> {
         &self.camera.camera_from_world
     }

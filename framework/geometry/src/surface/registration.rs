@@ -1,4 +1,4 @@
-//! Where a cloud lies on a surface: iterated closest points, point to plane, with a covariance, and with what the geometry leaves open.
+//! Iterated closest points (ICP), point to plane: the pose of a cloud on a surface, with covariance and unobservable directions.
 //!
 //! Sources: Y. Chen and G. Medioni, "Object modelling by registration of multiple range images", Image and Vision Computing 10(3), 1992 (point to plane);
 //! S. Rusinkiewicz and M. Levoy, "Efficient variants of the ICP algorithm", 3DIM 2001 (rejection of pairs by distance and normal, coarse to fine);
@@ -11,17 +11,24 @@
 //! | its derivative −jᵀδ | j = (p × n′, n′), n′ = Rᵀ n | m, – |
 //! | its variance | n′ᵀ Σ n′ + k σₘ² + bend², k points sharing the match | m² |
 //!
-//! Points that share a match share its error: with the variance of the match k times as large for each, their k pairs together know no more than the match does. Tukey's weights
-//! stand on the median absolute residual over its σ, the `misfit`; the covariance is scaled by the square of it, so that stated sigmas that are all too large or small by one factor do no harm.
+//! Points that share a match share its error: with the variance of the match k times as large for each, their k pairs
+//! together know no more than the match does. Tukey's weights
+//! are scaled by the median absolute residual over its σ, the `misfit`; the covariance is scaled by its square, so
+//! that stated sigmas that are all too large or small by one factor do no harm.
 //!
-//! Errors that neighbours share, along a stripe or where two clouds saw different light, do not become less with more points, and no point's covariance has them. What each part of the cloud pulls the pose to does: the
-//! covariance is also found by leaving out one cell of points after the other (J. Tukey's jackknife, by clusters as in A. Cameron and D. Miller, "A practitioner's guide to cluster-robust inference", Journal of Human
-//! Resources 50(2), 2015; cells of space as clusters: T. Conley, "GMM estimation with cross sectional dependence", Journal of Econometrics 92(1), 1999), for cells of several widths. What is stated is in no
-//! direction less than any of these, nor than what independent errors leave. What all of a cloud shares is in none of them.
+//! Errors that neighbours share, along a stripe or where two clouds were lit differently, do not average out with more
+//! points, and no point's covariance includes them. So the
+//! covariance is also estimated by leaving out one cell of points after the other (J. Tukey's jackknife, by clusters
+//! as in A. Cameron and D. Miller, "A practitioner's guide to cluster-robust inference", Journal of Human
+//! Resources 50(2), 2015; cells of space as clusters: T. Conley, "GMM estimation with cross sectional dependence",
+//! Journal of Econometrics 92(1), 1999), for cells of several widths. The stated covariance is in no
+//! direction less than any of these, nor than that of independent errors. Errors common to the whole cloud are not included.
 //!
-//! A direction in which the cloud slides along itself moves no point along its normal. With H = Σ w j jᵀ and M = Σ w Pᵀ P, P = (−[p]×, 1), the eigenvalues μ of H v = μ M v are the mean squared
-//! cosines between motion and normal, 0 to 1 whatever units and sizes are. Noise of normals alone would make a plane seem to hold; so H is taken between the normals of cloud and surface, whose
-//! noise has nothing in common, where the cloud has normals. What does not hold stays at the start, with the covariance of the start.
+//! A direction in which the cloud slides along itself moves no point along its normal. With H = Σ w j jᵀ and M = Σ w
+//! Pᵀ P, P = (−[p]×, 1), the eigenvalues μ of H v = μ M v are the mean squared
+//! cosines between motion and normal, from 0 to 1 in any units and sizes. Noise of normals alone would make a plane
+//! seem constrained; so H is computed between the normals of cloud and surface, whose
+//! noise is independent, where the cloud has normals. Unobservable directions stay at the start, with the covariance of the start.
 
 use std::collections::{BTreeMap, HashMap};
 use std::ops::AddAssign;
@@ -33,20 +40,20 @@ use nalgebra::{
 
 use super::{Match, Surface, SurfacePoint};
 
-/// How clouds are registered.
+/// Options of [`register`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegistrationOptions {
-    /// Points of the cloud that take part at most, evenly picked [–].
+    /// Most points of the cloud in use, evenly picked [–].
     pub max_points: usize,
-    /// Pairs that a pose needs [–].
+    /// Least number of pairs [–].
     pub min_pairs: usize,
-    /// Part of the points that must have a match in the end [–].
+    /// Least part of the points with a match at the end [–].
     pub min_overlap: f64,
-    /// Robust standard deviation of the residuals over what was stated, at most [–].
+    /// Largest accepted robust standard deviation of the residuals over the stated one [–].
     pub max_misfit: f64,
-    /// Mean squared cosine between motion and normal from which on a direction is held [–].
+    /// Least mean squared cosine between motion and normal for a direction to count as observable [–].
     pub min_hold: f64,
-    /// Angle between the normals of a pair at most [rad].
+    /// Largest angle between the normals of a pair [rad].
     pub max_angle: f64,
 }
 
@@ -57,67 +64,67 @@ impl Default for RegistrationOptions {
     }
 }
 
-/// Where a cloud lies.
+/// The pose of a cloud on a surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registration {
-    /// Takes points of the cloud to the surface.
+    /// Maps points of the cloud to the surface.
     pub surface_from_cloud: Isometry3<f64>,
-    /// Of δ in `surface_from_cloud` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
+    /// Covariance of δ in `surface_from_cloud` ∘ exp(δ), (rotation, translation) [rad², rad m, m²].
     pub covariance: Matrix6<f64>,
-    /// Directions δ in which the geometry does not hold the cloud, each scaled to move its points by 1 m (root mean square); there the start decides.
+    /// Unobservable directions δ, each scaled to move the points by 1 m (root mean square); the pose along them is that of the start.
     pub not_held: Vec<Vector6<f64>>,
-    /// Mean squared cosine between motion and normal in the direction that holds least [–].
+    /// Mean squared cosine between motion and normal in the least observable direction [–].
     pub hold: f64,
-    /// Pairs that the pose stands on: those that are no outliers.
+    /// Number of inlier pairs.
     pub n_pairs: usize,
-    /// Part of the points with a match that is no outlier [–].
+    /// Part of the points with an inlier match [–].
     pub overlap: f64,
-    /// Robust standard deviation of the residuals over what was stated [–].
+    /// Robust standard deviation of the residuals over the stated one [–].
     pub misfit: f64,
-    /// Steps that were made, over all levels.
+    /// Iterations over all levels.
     pub n_steps: usize,
-    /// Root mean square motion of the points by an error of one standard deviation of the pose [m].
+    /// Root mean square motion of the points for one standard deviation of the pose [m].
     pub sigma: f64,
-    /// How far the cloud's origin was moved from the start [m].
+    /// Distance that the cloud's origin moved from the start [m].
     pub moved: f64,
 }
 
 /// Why there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RegistrationError {
-    /// Of the cloud itself.
+    /// The cloud has too few points.
     #[error("{count} points, expected at least {expected}")]
     TooFewPoints {
-        /// How many there are.
+        /// Number of points.
         count: usize,
-        /// How many there must be.
+        /// Number that is needed.
         expected: usize,
     },
-    /// The cloud lies beside the surface, or far from it.
+    /// The cloud does not overlap the surface enough.
     #[error("{:.0} % of the points lie on the surface, expected at least {:.0} %", 100.0 * overlap, 100.0 * expected)]
     NoOverlap {
-        /// The part that does.
+        /// Overlap that was found.
         overlap: f64,
-        /// The part that must.
+        /// Overlap that is needed.
         expected: f64,
     },
-    /// It has another shape, or a local minimum was found.
-    #[error("residuals are {misfit:.1} times as large as sigmas say, expected at most {expected:.1} times")]
+    /// Residuals too large: another shape, or a local minimum.
+    #[error("residuals are {misfit:.1} times as large as their sigmas, expected at most {expected:.1} times")]
     Misfit {
-        /// Residuals over sigmas.
+        /// Residuals over their sigmas.
         misfit: f64,
-        /// The most that is allowed.
+        /// Largest accepted ratio.
         expected: f64,
     },
-    /// Steps did not become smaller.
+    /// The iteration did not converge.
     #[error("the last step moved points by {moved_m:.1e} m, expected less than their sigma of {sigma_m:.1e} m")]
     NotConverged {
-        /// Root mean square motion of the last step [m].
+        /// Root mean square motion of the points by the last step [m].
         moved_m: f64,
-        /// That by one standard deviation of the pose [m].
+        /// Root mean square motion for one standard deviation of the pose [m].
         sigma_m: f64,
     },
-    /// The start is no pose, or its covariance none.
+    /// The start is not finite, or its covariance not positive.
     #[error("the start or its covariance is not finite and positive")]
     BadStart,
 }
@@ -141,11 +148,11 @@ const BINS: i64 = 48;
 /// What fewer of them scatter by says too little.
 const MIN_CELLS: f64 = 12.0;
 
-/// Registers `cloud`, whose points lie about where `start` takes them, on `surface`. `start_covariance` is of δ in `start` ∘ exp(δ); it enters as a measurement, and decides which
-/// levels of the surface are tried.
+/// Registers `cloud` on `surface` from `start`. `start_covariance` is of δ in `start` ∘ exp(δ); it enters as a
+/// measurement, and decides which levels of the surface are tried.
 ///
 /// # Errors
-/// See [`RegistrationError`]: no pose is given that was not seen to fit.
+/// See [`RegistrationError`]; a pose that was not verified to fit is never returned.
 pub fn register(
     cloud: &[SurfacePoint],
     surface: &impl Surface,
@@ -313,7 +320,7 @@ impl Fit<'_> {
         self.points.iter().filter_map(pair).collect()
     }
 
-    /// Pairs anew, each with its weight, zero for outliers. `None`: too few of them.
+    /// New pairs, each with its weight, zero for outliers. `None`: too few of them.
     fn weighted(&self, surface: &impl Surface, level: usize) -> Option<Weighted> {
         let pairs = self.pairs(surface, level);
         if pairs.len() < self.options.min_pairs.max(6) {
@@ -337,7 +344,7 @@ impl Fit<'_> {
         (n_inliers >= 6).then_some(Weighted { pairs, weights, misfit, n_inliers })
     }
 
-    /// Pairs anew, and one step of weighted least squares. `None`: too few pairs.
+    /// New pairs, and one step of weighted least squares. `None`: too few pairs.
     fn step(&mut self, surface: &impl Surface, level: usize) -> Option<Solved> {
         let weighted = self.weighted(surface, level)?;
         let Weighted { misfit, n_inliers, .. } = weighted;

@@ -1,4 +1,4 @@
-//! How rough a cloud is: what points deviate from a smooth surface around them.
+//! Roughness of a cloud: the deviation of points from a smooth surface around them.
 
 use std::collections::HashMap;
 
@@ -9,8 +9,9 @@ use super::SurfacePoint;
 /// Neighbours beyond the six numbers of a quadric, at least.
 const SPARE: usize = 3;
 
-/// By point: the root mean square of what it and its neighbours within `radius_m` deviate, along its normal, from the quadric that fits them best, for the degrees of
-/// freedom that are left [m]; `None` where there are too few of them or no normal. Only every `stride`-th point is asked.
+/// By point: root mean square deviation of it and its neighbours within `radius_m`, along its normal, from the
+/// least-squares quadric, corrected for degrees of freedom [m]; `None` where there are too few neighbours or no
+/// normal. Only every `stride`-th point is computed.
 pub fn roughness(points: &[SurfacePoint], radius_m: f64, stride: usize) -> Vec<Option<f64>> {
     let cell = |position: &Point3<f64>| [0, 1, 2].map(|axis| (position[axis] / radius_m).floor() as i64);
     let mut cells: HashMap<[i64; 3], Vec<usize>> = HashMap::new();

@@ -1,7 +1,8 @@
-//! A shape to measure distances to: triangles, or points with the plane around each.
+//! A shape with nearest-point queries: triangles, or points with the plane around each.
 //!
-//! The place of a triangle mesh that is nearest to a point is exact. A cloud is a surface with holes between its points: there the plane of the nearest point counts, as far as the next points
-//! are, and beyond that the point itself. Whatever is nearest at an open edge has no surface before it, and is marked: a distance to an edge says nothing about the shape.
+//! The nearest place on a triangle mesh is exact. A cloud is a surface with gaps between its points: there the plane
+//! of the nearest point counts, as far as the next points are, and beyond that the point itself. A nearest place on an
+//! open edge is marked: a distance to an edge says nothing about the shape.
 //!
 //! Source of the nearest place of a triangle: C. Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5. The tree of boxes is split at the median of the longest side.
 
@@ -22,7 +23,7 @@ const BESIDE: f64 = 1e-3;
 /// Neighbours within this many times the distance between points give the normals of a cloud that has none: some 17 where points lie anywhere [–].
 const NORMAL_RADIUS: f64 = 5.0;
 
-/// Triangles, or points.
+/// A triangle mesh or point cloud for nearest-point queries.
 #[derive(Debug, Clone)]
 pub struct Shape {
     points: Vec<Point3<f64>>,
@@ -46,20 +47,20 @@ struct TreeNode {
     until: u32,
 }
 
-/// The place of a shape that is nearest to a point.
+/// The nearest place on a shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// Where [m].
+    /// Position [m].
     pub place: Point3<f64>,
-    /// Of the shape there, of length 1; zero where it is not known [–].
+    /// Unit normal there; zero where it is unknown [–].
     pub normal: Vector3<f64>,
-    /// Whether the shape ends there.
+    /// Whether it lies on an open edge.
     pub is_edge: bool,
 }
 
 impl Shape {
-    /// Of points with normals, zero where there are none, or of triangles between the points; none without points. A cloud's missing normals are found from its neighbours, towards
-    /// `viewpoint`.
+    /// A shape from points with normals (zero where unknown), or from triangles between the points; `None` without
+    /// points. Missing normals of a cloud are estimated from its neighbours, towards `viewpoint`.
     pub fn new(
         points: Vec<Point3<f64>>,
         mut normals: Vec<Vector3<f64>>,
@@ -87,37 +88,37 @@ impl Shape {
         Some(shape)
     }
 
-    /// Whether it has triangles.
+    /// Whether it is a triangle mesh.
     pub fn is_mesh(&self) -> bool {
         !self.triangles.is_empty()
     }
 
-    /// Its points, or the corners of its triangles [m].
+    /// Points, or vertices of the mesh [m].
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }
 
-    /// By point, of length 1, or zero [–].
+    /// Unit normal of each point, or zero [–].
     pub fn normals(&self) -> &[Vector3<f64>] {
         &self.normals
     }
 
-    /// By triangle, its corners; none of a cloud.
+    /// Vertex indices of each triangle; empty for a cloud.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Median distance from a point to the next, or of the ends of an edge [m].
+    /// Median distance between neighbouring points, or length of an edge [m].
     pub fn spacing(&self) -> f64 {
         self.spacing
     }
 
-    /// Diagonal of the box around it [m].
+    /// Diagonal of the bounding box [m].
     pub fn extent(&self) -> f64 {
         self.nodes.first().map_or(0.0, |it| (it.high - it.low).norm())
     }
 
-    /// Turns normals of a cloud so that each looks to the side that `towards` says: of the nearest place there. Whether any is known.
+    /// Orients the normals of a cloud like those of the nearest places of `towards`. Returns whether any normal there is known.
     pub fn turn_normals(&mut self, towards: &Shape) -> bool {
         let mut n_known = 0;
         for (point, normal) in self.points.iter().zip(&mut self.normals) {
@@ -131,7 +132,7 @@ impl Shape {
         n_known > 0
     }
 
-    /// The same as points whose normals are not known.
+    /// The same points without normals.
     pub fn without_sides(&self) -> Shape {
         let mut points = self.clone();
         if self.is_mesh() {
@@ -145,7 +146,7 @@ impl Shape {
         points
     }
 
-    /// So many places spread over it, each of as much of its area, or all or some of its points; the same ones each time.
+    /// `n` samples evenly spread over a mesh by area, or all or some points of a cloud; the same ones each time.
     pub fn samples(&self, n: usize) -> Vec<SurfacePoint> {
         let covariance = nalgebra::Matrix3::identity();
         if !self.is_mesh() {
@@ -186,8 +187,8 @@ impl Shape {
     fn normal_of(&self, triangle: &[u32; 3]) -> Vector3<f64> {
         let [a, b, c] = self.corners(triangle);
         let normal = (b - a).cross(&(c - a)).try_normalize(1e-300).unwrap_or_else(Vector3::zeros);
-        let told: Vector3<f64> = triangle.iter().map(|it| self.normals[*it as usize]).sum();
-        if normal.dot(&told) < 0.0 { -normal } else { normal }
+        let stated: Vector3<f64> = triangle.iter().map(|it| self.normals[*it as usize]).sum();
+        if normal.dot(&stated) < 0.0 { -normal } else { normal }
     }
 
     fn open_edges(&self) -> Vec<u8> {
@@ -255,12 +256,12 @@ impl Shape {
         self.build(middle, until);
     }
 
-    /// The nearest place of all; `None` for a point that is not finite.
+    /// The nearest place; `None` for a point that is not finite.
     pub fn nearest(&self, point: &Point3<f64>) -> Option<Nearest> {
         self.search(point, f64::INFINITY, |_| true).map(|it| self.at(point, it))
     }
 
-    /// The same, if it is at most so far away [m].
+    /// The nearest place, if at most `most` away [m].
     pub fn nearest_within(&self, point: &Point3<f64>, most: f64) -> Option<Nearest> {
         // The plane of a point may be nearer than the point.
         let beyond = if self.is_mesh() { 0.0 } else { REACH * self.spacing };

@@ -1,6 +1,6 @@
-//! A bit for each voxel of a grid.
+//! A grid of bits, one for each voxel.
 
-/// Which cubes of a grid are set: 64 along x to a word.
+/// A set of voxels of a grid.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BitGrid {
     cells: [u32; 3],
@@ -10,7 +10,7 @@ pub struct BitGrid {
 }
 
 impl BitGrid {
-    /// Nothing set in a grid of so many cells along x, y, z.
+    /// An empty set in a grid of so many cells along x, y, z.
     pub fn new(cells: [u32; 3]) -> BitGrid {
         let mut grid = BitGrid::default();
         grid.reset(cells);
@@ -25,12 +25,12 @@ impl BitGrid {
         self.bits.resize(self.words * cells[1] as usize * cells[2] as usize, 0);
     }
 
-    /// Cells along x, y, z.
+    /// Number of cells along x, y, z.
     pub fn cells(&self) -> [u32; 3] {
         self.cells
     }
 
-    /// Whether a cell is set; not outside the grid.
+    /// Whether a cell is set; `false` outside the grid.
     pub fn get(&self, [x, y, z]: [u32; 3]) -> bool {
         let inside = x < self.cells[0] && y < self.cells[1] && z < self.cells[2];
         inside && self.row(y, z)[x as usize / 64] >> (x % 64) & 1 != 0
@@ -39,7 +39,7 @@ impl BitGrid {
     /// Sets a cell.
     ///
     /// # Panics
-    /// Outside the grid.
+    /// When the cell lies outside the grid.
     pub fn set(&mut self, [x, y, z]: [u32; 3]) {
         assert!(x < self.cells[0], "cell {x} of {} along x", self.cells[0]);
         self.set_in_row(y, z, x as usize / 64, 1 << (x % 64));
@@ -63,7 +63,7 @@ impl BitGrid {
         &self.bits[self.start(y, z)..][..self.words]
     }
 
-    /// How many cells are set.
+    /// Number of set cells.
     pub fn count(&self) -> usize {
         self.bits.iter().map(|it| it.count_ones() as usize).sum()
     }
@@ -82,7 +82,7 @@ impl BitGrid {
         })
     }
 
-    /// Those set cells that hang together along z with at least `least` set cells, themselves counted.
+    /// The set cells in runs along z of at least `least` set cells.
     pub(super) fn upright(&self, least: u32) -> BitGrid {
         let [_, n_rows, n_layers] = self.cells;
         let layer = self.words * n_rows as usize;
@@ -102,7 +102,7 @@ impl BitGrid {
         upright
     }
 
-    /// Those set cells of which a neighbour across a face is not set, or lies outside the grid.
+    /// The set cells with a face neighbour that is not set, or outside the grid.
     pub fn surface(&self) -> BitGrid {
         let mut surface = BitGrid { cells: self.cells, words: self.words, bits: vec![0; self.bits.len()] };
         let nothing = vec![0; self.words];

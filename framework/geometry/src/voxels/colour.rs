@@ -1,32 +1,33 @@
-//! Colours of surface voxels, from the pictures that see them free.
+//! Colours of surface voxels, from the pictures in which they are visible.
 //!
-//! A voxel is seen free by a camera when no surface voxel lies before its pixel, nearer by more than two edges: a map of depths says that, each voxel drawn
-//! as large as it appears. What the cameras see is averaged with the squared cosine between line of sight and normal, so that the flattest
-//! look counts least; the normal points away from the voxels among the 26 neighbours.
+//! A voxel is visible to a camera when no surface voxel in front of its pixel is nearer by more than two edges: this
+//! comes from a depth map into which each voxel is drawn as large as it appears. The colours are averaged over the
+//! cameras with the squared cosine between line of sight and normal, so that grazing views count least; the normal
+//! points away from the voxels among the 26 neighbours.
 
 use nalgebra::{Point2, Vector3};
 
 use super::{BitGrid, VoxelGrid};
 use crate::Camera;
 
-/// A picture of a camera.
+/// A picture taken by a camera.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
-    /// Its model and where it stood.
+    /// Model and pose of the camera.
     pub camera: &'a Camera,
-    /// Columns of the camera's picture to the left of it [px].
+    /// Columns of the camera's image to the left of the picture [px].
     pub left: u32,
-    /// Rows above it [px].
+    /// Rows of the camera's image above the picture [px].
     pub top: u32,
-    /// How many of the camera's pixels each of its pixels is wide and high, at least 1.
+    /// Width and height of one of its pixels in camera pixels, at least 1.
     pub shrink: u32,
-    /// Columns [px].
+    /// Width [px].
     pub width: u32,
-    /// Rows [px].
+    /// Height [px].
     pub height: u32,
-    /// Bytes a pixel: 1 gray, 3 red, green, blue.
+    /// Bytes per pixel: 1 gray, 3 red, green, blue.
     pub channels: usize,
-    /// Row by row; what is missing at the end is black.
+    /// Pixels row by row; missing ones at the end are black.
     pub pixels: &'a [u8],
 }
 
@@ -35,7 +36,7 @@ const HIDES: f64 = 2.0;
 /// The cosine that a look at a right angle to the normal counts with, so that a voxel that is only seen so has a colour.
 const FLATTEST: f64 = 0.05;
 
-/// The colour of each voxel of `surface`, in its order; black where no picture sees it free.
+/// The colour of each voxel of `surface`, in its order; black where it is not visible in any picture.
 pub fn colours(grid: &VoxelGrid, hull: &BitGrid, surface: &BitGrid, pictures: &[Picture]) -> Vec<[u8; 3]> {
     let voxels: Vec<[u32; 3]> = surface.iter().collect();
     let normals: Vec<Vector3<f64>> = voxels.iter().map(|it| normal(hull, *it)).collect();

@@ -1,16 +1,16 @@
-//! How well a hull explains a silhouette.
+//! Agreement of a hull with a silhouette.
 //!
-//! The hull is drawn into the picture, each surface voxel as the square that it appears as, wherever its centre lies.
+//! The hull is drawn into the picture, each surface voxel as a square of its apparent size, wherever its centre lies.
 
 use super::mask::BODY;
 use super::{BitGrid, SilhouetteView, VoxelGrid};
 
-/// Pixels of one view.
+/// Pixel counts of one view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Cover {
-    /// Body in the silhouette [px].
+    /// Body pixels of the silhouette [px].
     pub body: u32,
-    /// Of these, those that the hull covers [px].
+    /// Body pixels that the hull covers [px].
     pub covered: u32,
     /// Pixels that the hull covers [px].
     pub drawn: u32,
@@ -22,13 +22,13 @@ impl Cover {
         if self.body == 0 { 1.0 } else { f64::from(self.covered) / f64::from(self.body) }
     }
 
-    /// The part of the hull's picture that the silhouette calls background; 0 where there is no hull [–].
+    /// The part of the drawn hull that is background in the silhouette; 0 where there is no hull [–].
     pub fn outside(&self) -> f64 {
         if self.drawn == 0 { 0.0 } else { 1.0 - f64::from(self.covered) / f64::from(self.drawn) }
     }
 }
 
-/// Draws the voxels of `surface` into `drawn`, a byte a pixel of the view, and compares.
+/// Draws the voxels of `surface` into `drawn`, a byte per pixel of the view, and compares them with the silhouette.
 pub fn cover(grid: &VoxelGrid, surface: &BitGrid, view: &SilhouetteView, drawn: &mut Vec<u8>) -> Cover {
     drawn.clear();
     drawn.resize(view.confidence.len(), 0);

@@ -1,21 +1,23 @@
-//! What may be body: places of which no view is sure that they are background.
+//! Uncertain voxels: places that no view calls background for sure.
 //!
-//! To one camera, clothes as dark as the floor behind them are the floor's shadow. All views together know better: a shadow lies on something, so that what could be body in every view at once is
-//! as flat there as the rims of shadows are blurred, while a body stands. So voxels that the carver would keep if pixels in doubt were body are kept if most views are sure of them, or where
-//! they hang together from below to above for as long as a body does and no shadow.
+//! To one camera, clothes as dark as the floor behind them look like a shadow on the floor. All views together
+//! distinguish them: a shadow lies on something, so that what could be body in every view at once is as flat there as
+//! the rims of shadows are blurred, while a body is upright. So voxels that would be kept if uncertain pixels were
+//! body are kept if most views are sure of them, or where they are connected upwards for as long as a body is and a
+//! shadow is not.
 
 use super::{BODY, BitGrid, CarveError, CarveOptions, Carver, SilhouetteView, VoxelGrid, opinions};
 
-/// When a voxel in doubt is kept.
+/// When an uncertain voxel is kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubtOptions {
-    /// A pixel may be body from this confidence on; [`BODY`] or more: none is in doubt.
+    /// A pixel may be body from this confidence on; with [`BODY`] or more no pixel is uncertain.
     pub from: u8,
-    /// Voxels in doubt that hang together along z for less than this are a shadow's, unless most views are sure of them [m].
+    /// Columns of uncertain voxels shorter than this are taken as shadow, unless most views are sure of them [m].
     pub height: f64,
 }
 
-/// Carves with pixels in doubt; keeps its memory from one time to the next.
+/// Carves with uncertain pixels, and reuses its memory.
 #[derive(Debug, Clone, Default)]
 pub struct Doubt {
     carver: Carver,
@@ -24,7 +26,7 @@ pub struct Doubt {
 }
 
 impl Doubt {
-    /// Takes in the silhouettes; whether any pixel is in doubt.
+    /// Takes in the silhouettes; returns whether any pixel is uncertain.
     pub fn look(&mut self, views: &[SilhouetteView], options: &DoubtOptions) -> bool {
         self.wide.resize_with(views.len(), Vec::new);
         let mut any = false;
@@ -36,7 +38,7 @@ impl Doubt {
         any
     }
 
-    /// As [`Carver::bounds`], of what may be body.
+    /// As [`Carver::bounds`], with uncertain pixels as body.
     ///
     /// # Errors
     /// As [`Carver::carve`].
@@ -50,7 +52,7 @@ impl Doubt {
         carver.bounds(grid, &in_doubt(views, wide), options)
     }
 
-    /// Adds to `hull`, which the views left over of `grid`, what they leave over with pixels in doubt and is no shadow.
+    /// Adds to `hull`, which was carved from the views of `grid`, the uncertain voxels that are not shadow.
     ///
     /// # Errors
     /// As [`Carver::carve`].

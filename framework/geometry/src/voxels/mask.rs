@@ -1,6 +1,6 @@
-//! A silhouette made ready for questions: which of its pixels, and how many in a rectangle, are body.
+//! A silhouette prepared for queries: which of its pixels, and how many in a rectangle, are body.
 
-/// A pixel is body from this confidence on.
+/// Confidence from which on a pixel is body.
 pub const BODY: u8 = 128;
 
 /// What the picture says of a pixel, if it is not 1: body.

@@ -1,15 +1,18 @@
-//! Voxels that silhouettes leave over: a hull, its surface, its parts, its colours.
+//! Visual hulls: the voxels that silhouettes leave, with surface, connected components and colours.
 //!
 //! Source: R. Szeliski, "Rapid octree construction from image sequences", CVGIP 58(1), 1993; used as in [Mikić 2001 §2].
 //!
-//! *Definition.* A voxel counts in a view when its **centre** projects (lens and all) onto the view's picture; it is body there when the pixel that the
-//! centre falls into is. It is kept when it counts in at least `min_views` views and is background in at most `may_err` of these. There is no sampling
+//! *Definition.* A voxel counts in a view when its **centre** projects (lens included) onto the view's picture; it is body there when that
+//! pixel is. It is kept when it counts in at least `min_views` views and is background in at most `may_err` of these. There is no sampling
 //! within a voxel. The projection is in single precision, so that a centre within some 0.001 px of the border of a pixel may count for its neighbour
-//! (`tests` hold it against the same in double precision).
+//! (`tests` compare it with double precision).
 //!
-//! *How a cube is decided at once.* With (u, v) = (X/Z, Y/Z) of its middle, no centre of it is further from u than max |dX − u dZ| / (Z − max |dZ|); the
-//! lens maps that interval to one of pixels (`view`), and a table of sums over the silhouette's bounding box says in four readings how many of these pixels are
-//! body. A view that has decided for a cube is asked no more inside it. What no view can decide is halved, down to 4 × 4 × 4 voxels, which are
+//! *How a whole cube is decided.* With (u, v) = (X/Z, Y/Z) of its middle, no centre of it is further from u than max
+//! |dX − u dZ| / (Z − max |dZ|); the
+//! lens maps that interval to one of pixels (`view`), and a table of sums over the silhouette's bounding box gives
+//! with four look-ups how many of these pixels are
+//! body. A view that has decided for a cube is not evaluated inside it again. Cubes that no view decides are halved,
+//! down to 4 × 4 × 4 voxels, which are
 //! projected one by one. Nothing is tabulated by place, so that a camera may turn between two pictures.
 
 mod bits;
@@ -35,29 +38,29 @@ pub use parts::{Part, Parts};
 
 use crate::Camera;
 
-/// A grid of cubes.
+/// A grid of cubic voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelGrid {
-    /// The corner of cube (0, 0, 0) that is least in x, y and z [m].
+    /// Corner of voxel (0, 0, 0) with the least x, y and z [m].
     pub origin: Point3<f64>,
-    /// Edge of a cube [m].
+    /// Edge of a voxel [m].
     pub size: f64,
-    /// Cubes along x, y, z.
+    /// Number of voxels along x, y, z.
     pub cells: [u32; 3],
 }
 
-/// Cubes along an axis, at most: indices are 16-bit numbers.
+/// Most voxels along an axis: indices are 16-bit numbers.
 pub const MOST_CELLS: u32 = 1 << 16;
 /// Cubes in all, at most: a bit each, and what they are worth in two bytes, is 4.5 GiB.
 const MOST_VOXELS: u64 = 1 << 31;
-/// Views, at most.
+/// Most views.
 pub const MOST_VIEWS: usize = 255;
 
 impl VoxelGrid {
-    /// The grid of cubes of `size` that covers the box from `min` to `max`, from `min` on.
+    /// The grid of voxels of `size` that covers the box from `min` to `max`, starting at `min`.
     ///
     /// # Errors
-    /// A size or a box that is none, or too many cubes.
+    /// An invalid size or box, or too many voxels.
     pub fn covering(min: Point3<f64>, max: Point3<f64>, size: f64) -> Result<VoxelGrid, CarveError> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(CarveError::Size { found: size });
@@ -76,37 +79,37 @@ impl VoxelGrid {
         Ok(VoxelGrid { origin: min, size, cells: [x as u32, y as u32, z as u32] })
     }
 
-    /// The centre of a cube [m].
+    /// The centre of a voxel [m].
     pub fn centre(&self, index: [u32; 3]) -> Point3<f64> {
         self.origin + Vector3::from(index.map(|it| f64::from(it) + 0.5)) * self.size
     }
 }
 
-/// What one camera saw.
+/// The silhouette of one camera.
 #[derive(Debug, Clone, Copy)]
 pub struct SilhouetteView<'a> {
-    /// Its model and where it stood.
+    /// Model and pose of the camera.
     pub camera: &'a Camera,
-    /// Columns of the camera's picture to the left of the silhouette [px].
+    /// Columns of the camera's image to the left of the silhouette [px].
     pub left: u32,
-    /// Rows above it [px].
+    /// Rows of the camera's image above the silhouette [px].
     pub top: u32,
-    /// How many of the camera's pixels each of its pixels is wide and high, at least 1.
+    /// Width and height of one of its pixels in camera pixels, at least 1.
     pub shrink: u32,
-    /// Columns [px].
+    /// Width [px].
     pub width: u32,
-    /// Rows [px].
+    /// Height [px].
     pub height: u32,
-    /// One byte a pixel, row by row: body from [`BODY`] on.
+    /// Confidence of each pixel, one byte, row by row: body from [`BODY`] on.
     pub confidence: &'a [u8],
 }
 
-/// When a voxel is kept.
+/// Options of carving.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CarveOptions {
-    /// Views that may call a voxel background although it is body.
+    /// Number of views that may wrongly call a voxel background.
     pub may_err: usize,
-    /// Views in whose picture a voxel has to lie; 0, or more than there are: in all.
+    /// Least number of views in whose picture a voxel must lie; 0, or more than there are: all.
     pub min_views: usize,
 }
 
@@ -120,66 +123,67 @@ impl CarveOptions {
 /// Why nothing can be carved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CarveError {
-    /// An edge of a cube that is none.
+    /// An invalid size of a voxel.
     #[error("a voxel of {found} m, expected more than 0 m")]
     Size {
-        /// What it was [m].
+        /// Size that was found [m].
         found: f64,
     },
     /// A box without inside.
-    #[error("a volume from {min} to {max} m, expected one with an inside")]
+    #[error("a volume from {min} to {max} m, expected the smaller corner first")]
     Volume {
-        /// Its least corner [m].
+        /// Least corner of the box [m].
         min: Point3<f64>,
-        /// Its greatest corner [m].
+        /// Greatest corner of the box [m].
         max: Point3<f64>,
     },
-    /// More than memory and indices hold.
+    /// Too many voxels for memory and indices.
     #[error("{} x {} x {} voxels of {size} m, expected at most 65536 along an axis and 2^31 in all", cells[0], cells[1], cells[2])]
     TooMany {
-        /// Along x, y, z.
+        /// Number along x, y, z.
         cells: [f64; 3],
-        /// Edge of a cube [m].
+        /// Edge of a voxel [m].
         size: f64,
     },
-    /// A silhouette whose bytes are not what its size promises.
+    /// A silhouette with a wrong number of bytes.
     #[error("view {view} has {found} bytes, expected {expected} for its {width} x {height} px")]
     Length {
-        /// Its place in the list.
+        /// Index of the view.
         view: usize,
-        /// Columns [px].
+        /// Width [px].
         width: u32,
-        /// Rows [px].
+        /// Height [px].
         height: u32,
-        /// Bytes that its size asks for.
+        /// Bytes that were expected.
         expected: usize,
-        /// Bytes that it has.
+        /// Bytes that were found.
         found: usize,
     },
-    /// No view, or more than can be counted.
+    /// No view, or too many.
     #[error("{found} views, expected 1 to 255")]
     Views {
-        /// How many.
+        /// Number of views.
         found: usize,
     },
-    /// Rules that no voxel can keep.
+    /// As many views may err as there are.
     #[error("{may_err} of {n_views} views may err, expected fewer than there are")]
     Rules {
         /// Views that may err.
         may_err: usize,
-        /// Views that there are.
+        /// Number of views.
         n_views: usize,
     },
 }
 
-/// Whether a voxel centre is kept, by the definition, in double precision, without any table or octree: slow, and what [`Carver`] is held against.
-/// The views in whose picture it lies, and those of them that call it background, or nothing.
+/// Whether a voxel centre is kept, by the definition, in double precision, without tables or octree: slow, for tests
+/// of [`Carver`]. Returns the number of views in whose picture the centre lies, and how many of them call it
+/// background; `None` where it is not kept.
 pub fn keeps(centre: &Point3<f64>, views: &[SilhouetteView], options: &CarveOptions) -> Option<(usize, usize)> {
     let (seen, dissent) = opinions(centre, views);
     (seen >= options.least(views.len()) && dissent <= options.may_err && dissent < seen).then_some((seen, dissent))
 }
 
-/// The views in whose picture a voxel centre lies, and those of them that do not call it body.
+/// The number of views in whose picture a voxel centre lies, and how many of them do not call it body.
 pub fn opinions(centre: &Point3<f64>, views: &[SilhouetteView]) -> (usize, usize) {
     let (mut seen, mut dissent) = (0, 0);
     for view in views {

@@ -1,4 +1,4 @@
-//! From cubes of 64 cells down to bricks of 4: what no view can decide is halved.
+//! Octree carving, from cubes of 64 cells down to bricks of 4: cubes that no view decides are halved.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use super::{CarveError, CarveOptions, MOST_VIEWS, SilhouetteView, VoxelGrid};
 /// Edge of the first cubes [cells]: a word of bits.
 const FIRST: u32 = 64;
 
-/// Carves; keeps its memory from one time to the next.
+/// Carves visual hulls, and reuses its memory.
 #[derive(Debug, Clone, Default)]
 pub struct Carver {
     masks: Vec<Mask>,
@@ -89,8 +89,8 @@ impl Carver {
         Ok(&self.hull)
     }
 
-    /// First and last index along x, y, z of a box that holds all voxels that [`Self::carve`] would keep, up to 15 larger at each end; `None` without any. It costs a
-    /// fraction of the carving, and none of its memory.
+    /// First and last index along x, y, z of a box that holds all voxels that [`Self::carve`] would keep, up to 15
+    /// larger at each end; `None` if there are none. Much cheaper than carving, and without its memory.
     ///
     /// # Errors
     /// As [`Self::carve`].
@@ -135,17 +135,17 @@ impl Carver {
         }
     }
 
-    /// What was carved last.
+    /// The hull that was carved last.
     pub fn hull(&self) -> &BitGrid {
         &self.hull
     }
 
-    /// Pixels of body in each silhouette that was carved with last [px].
+    /// Body pixels of each silhouette that was last used [px].
     pub fn body_px(&self) -> &[u32] {
         &self.body
     }
 
-    /// In how many pictures a voxel of the hull lies, and how many of them call it background.
+    /// Number of pictures in which a voxel of the hull lies, and how many of them call it background.
     pub fn counts(&self, index: [u32; 3]) -> [u8; 2] {
         self.unanimous.unwrap_or_else(|| self.counts[self.hull.place(index)])
     }

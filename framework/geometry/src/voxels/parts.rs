@@ -1,13 +1,13 @@
-//! Voxels that hang together, by faces, edges or corners.
+//! Connected components of voxels (26-connected).
 
 use nalgebra::Vector3;
 
 use super::bits::BitGrid;
 
-/// Voxels that hang together.
+/// A connected component.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
-    /// How many.
+    /// Number of its voxels.
     pub n_voxels: u32,
     /// Mean of their indices.
     pub centroid: Vector3<f64>,
@@ -17,10 +17,10 @@ pub struct Part {
     pub max: [u32; 3],
 }
 
-/// The parts of a grid, the largest first (of equal ones the first in the order of the grid), and which voxel is of which.
+/// The connected components of a grid, the largest first (ties in the order of the grid), and the component of each voxel.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Parts {
-    /// The parts.
+    /// The components.
     pub list: Vec<Part>,
     runs: Vec<Run>,
     /// By row: its first run.
@@ -38,7 +38,7 @@ struct Run {
 }
 
 impl Parts {
-    /// Finds the parts of `grid`.
+    /// Labels the components of `grid`.
     pub fn of(grid: &BitGrid) -> Parts {
         let [_, n_rows, n_layers] = grid.cells();
         let mut parts = Parts { n_rows, ..Parts::default() };
@@ -158,7 +158,7 @@ impl Parts {
         self.list = sums.into_iter().map(|(_, part)| part).collect();
     }
 
-    /// Which of [`Self::list`] the voxel at `index` belongs to; `None` where none is set.
+    /// Index in [`Self::list`] of the component of a voxel; `None` where it is not set.
     pub fn part(&self, [x, y, z]: [u32; 3]) -> Option<u32> {
         let row = (z as usize * self.n_rows as usize) + y as usize;
         let (start, end) = (*self.starts.get(row)? as usize, *self.starts.get(row + 1)? as usize);

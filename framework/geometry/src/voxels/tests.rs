@@ -326,7 +326,7 @@ fn what_cannot_be_carved_is_named() {
     assert_eq!(refused(&[view(camera, &[0; 47])], 0), "view 0 has 47 bytes, expected 48 for its 8 x 6 px");
     assert_eq!(refused(&[view(camera, &[0; 48])], 1), "1 of 1 views may err, expected fewer than there are");
     let covering = |max: f64, size| VoxelGrid::covering(Point3::origin(), Point3::new(1.0, 1.0, max), size);
-    assert!(covering(-1.0, 0.1).unwrap_err().to_string().contains("expected one with an inside"));
+    assert!(covering(-1.0, 0.1).unwrap_err().to_string().contains("expected the smaller corner first"));
     assert_eq!(covering(1.0, 0.0).unwrap_err().to_string(), "a voxel of 0 m, expected more than 0 m");
     assert!(covering(1.0, 1e-5).unwrap_err().to_string().starts_with("100000 x 100000 x 100000 voxels"));
     assert_eq!(covering(0.35, 0.1).unwrap().cells, [10, 10, 4]);
@@ -382,7 +382,7 @@ fn a_leg_in_doubt_stands_and_a_shadow_in_doubt_lies() {
     let (leg, shadow) = possible(100, &options);
     let true_leg = std::f64::consts::PI * 6.4 * 0.8 + 4.0 / 3.0 * std::f64::consts::PI * 0.512;
     assert!((0.85..1.4).contains(&(leg / true_leg)) && shadow == 0.0, "{leg} of {true_leg} l, {shadow} l");
-    // A shadow that lies higher than shadows do is body; what nobody doubts is as before; what is surely background stays it.
+    // A shadow that lies higher than shadows do is body; what no view doubts is as before; what is surely background stays it.
     let flat = DoubtOptions { height: 0.0, ..options };
     assert!(possible(100, &flat).1 > 0.3, "{:?}", possible(100, &flat));
     let certain = possible(200, &options);

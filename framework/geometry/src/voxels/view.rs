@@ -1,6 +1,6 @@
-//! A view of a grid: where cubes of it lie in the picture, in single precision.
+//! A view of a grid: bounds of cubes in the picture, in single precision.
 //!
-//! The place of a cube is told in cells from the centre of cell (0, 0, 0), so that a step along an axis adds a fixed vector in the camera.
+//! The place of a cube is given in cells from the centre of cell (0, 0, 0), so that a step along an axis adds a fixed vector in the camera.
 //!
 //! *Bounds.* Let the middle of a box have (X, Y, Z) in the camera, u = X/Z, and let dX, dZ range over the box, which is symmetric. Then
 //! (X + dX)/(Z + dZ) − u = (dX − u dZ)/(Z + dZ), so that |Δu| ≤ e = Σ |Xᵢ − u Zᵢ| h / (Z − Σ |Zᵢ| h), the sums over the three axes with half-edge h. Of
@@ -23,13 +23,13 @@ const ROUND: f32 = 8_388_608.0;
 /// What a view says of all voxels of a cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// None lies in its picture.
+    /// No voxel lies in its picture.
     Unseen,
     /// All lie in it, none is body.
     Background,
     /// All are body.
     Body,
-    /// It cannot tell at once.
+    /// The view cannot decide for all at once.
     Mixed {
         /// Whether any of them may be body.
         may_agree: bool,
@@ -86,7 +86,7 @@ impl View {
         }
     }
 
-    /// What it says of the voxels whose indices lie within `half` of `middle` along each axis [cells].
+    /// The verdict on the voxels whose indices lie within `half` of `middle` along each axis [cells].
     pub fn verdict(&self, middle: [f32; 3], half: f32) -> Verdict {
         const MIXED: Verdict = Verdict::Mixed { may_agree: true };
         let at = |row: usize| {
@@ -164,7 +164,7 @@ impl View {
         }
     }
 
-    /// What it says of each voxel of the brick whose first one is `first`: along x, then y, then z.
+    /// The verdict on each voxel of the brick whose first one is `first`: along x, then y, then z.
     pub fn look(&self, first: [u32; 3], codes: &mut [u8; IN_BRICK]) {
         let [i, j, k] = first.map(|it| it as f32);
         let base: [f32; 3] = std::array::from_fn(|row| {

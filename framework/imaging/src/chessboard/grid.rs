@@ -1,4 +1,4 @@
-//! Saddles that lie as the corners of a chessboard do.
+//! Joins saddles to the grid of a chessboard's corners.
 
 use std::collections::{BTreeMap, VecDeque};
 

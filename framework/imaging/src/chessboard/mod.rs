@@ -1,4 +1,4 @@
-//! Finds the inner corners of a chessboard, whole, in a gray picture.
+//! Finds all inner corners of a chessboard in a gray picture, to a fraction of a pixel.
 //!
 //! 1. `saddles`: where four squares meet, brightness has a saddle; each is known to a fraction of a pixel, with the directions of the
 //!    two edges that cross there and which of the four quadrants are bright.
@@ -22,9 +22,9 @@ use saddles::{Plane, from_resized};
 /// An inner corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
-    /// Where [px].
+    /// Its place in the picture [px].
     pub centre: Point2<f64>,
-    /// How well that is known [px²].
+    /// Covariance of the place [px²].
     pub covariance: Matrix2<f64>,
 }
 
@@ -51,8 +51,31 @@ const SAMPLES: i32 = 8;
 /// A corner that is placed further than this from where it was found is another, in squares.
 const FAR: f64 = 0.5;
 
-/// The corners of a board of `columns` × `rows` inner corners, corner `row · columns + column`; `None` when there is no such board in
-/// the picture, not all of it, or fewer than 3 corners either way were asked for.
+/// Detects a board of `columns` × `rows` inner corners: corner `row · columns + column` of the result. `None` when the whole of such a board is
+/// not in the picture, or when fewer than 3 corners either way were requested.
+///
+/// ```
+/// use foveate_imaging::{ImageView, find_chessboard};
+///
+/// // 8 x 6 squares of 20 px on white, so 7 x 5 inner corners; edges lie between pixels, at 39.5, 59.5, ... px.
+/// let (size, square) = ([240, 200], 20);
+/// let level = |at: usize| {
+///     let [x, y] = [at % size[0], at / size[0]];
+///     let is_board = (40..200).contains(&x) && (40..160).contains(&y);
+///     if is_board && (x / square + y / square) % 2 == 0 { 40 } else { 220 }
+/// };
+/// let pixels: Vec<u8> = (0..size[0] * size[1]).map(level).collect();
+/// let image = ImageView::new(&pixels, size[0], size[1])?;
+///
+/// let corners = find_chessboard(&image, 7, 5).expect("the whole board is in view");
+/// assert_eq!(corners.len(), 7 * 5);
+/// for corner in &corners {
+///     let [x, y] = [corner.centre.x, corner.centre.y].map(|it| (it - 19.5) / 20.0);
+///     assert!((x - x.round()).hypot(y - y.round()) * 20.0 < 0.05, "px off the true grid: {corner:?}");
+/// }
+/// assert!(find_chessboard(&image, 8, 5).is_none(), "another board");
+/// # Ok::<(), foveate_imaging::ImagingError>(())
+/// ```
 pub fn find_chessboard(image: &ImageView<'_>, columns: usize, rows: usize) -> Option<Vec<Corner>> {
     if columns < 3 || rows < 3 || columns.saturating_mul(rows) > 10_000 {
         return None;
@@ -72,8 +95,8 @@ pub fn find_chessboard(image: &ImageView<'_>, columns: usize, rows: usize) -> Op
     })
 }
 
-/// Corners of the largest chessboard in the picture, the longer side first; `None` without one of 3 × 3 at least. To say what is there
-/// where the board that was looked for is not.
+/// Corners (columns, rows) of the largest chessboard in the picture, the longer side first; `None` without one of at least 3 × 3. For messages about
+/// a picture in which [`find_chessboard`] did not find the expected board.
 pub fn largest_grid(image: &ImageView<'_>) -> Option<[usize; 2]> {
     let whole = Plane::of(image);
     if !may_hold_board(&whole) {

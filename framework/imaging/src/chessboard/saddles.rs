@@ -1,4 +1,4 @@
-//! Saddles of brightness, and the picture that they are looked for in.
+//! Saddles of brightness, and the smoothed picture in which they are searched.
 
 use nalgebra::{Point2, Vector2};
 

@@ -18,7 +18,7 @@ use nalgebra::Point2;
 use crate::ImageView;
 pub use patches::DarkPatch;
 
-/// The target.
+/// Size of the target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TargetPattern {
     /// Rectangles below one another.
@@ -27,7 +27,7 @@ pub struct TargetPattern {
     pub columns: usize,
 }
 
-/// One rectangle that is known by its place on the target.
+/// One rectangle of the target, identified by column and row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Labelled {
     /// Number of its column, from 1.
@@ -38,7 +38,7 @@ pub struct Labelled {
     pub patch: DarkPatch,
 }
 
-/// What [`find_target`] found.
+/// The rectangles of the target in one picture, found by [`find_target`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TargetFound {
     /// By column, then by row.
@@ -51,7 +51,7 @@ pub struct TargetFound {
     pub votes: [f64; 2],
 }
 
-/// Why there is none.
+/// Why no target was found.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NoTarget {
     /// Too few whole columns.
@@ -79,11 +79,11 @@ impl std::fmt::Display for NoTarget {
         match self {
             NoTarget::Columns { patches, longest, rows, whole } => write!(
                 to,
-                "{patches} dark rectangles on bright ground, the longest column of {longest}, {whole} whole ones; expected at least 2 columns of {rows} rectangles"
+                "{patches} dark rectangles on bright ground, the longest column with {longest}, {whole} complete columns; expected at least 2 columns of {rows} rectangles"
             ),
             NoTarget::Numbers { columns, votes: [best, next] } => write!(
                 to,
-                "the numbers above the {columns} columns do not say which these are (the best numbering agrees with {best:.1} of them, the next with {next:.1}); expected them legible, \
+                "the numbers above the {columns} columns are ambiguous (the best numbering agrees with {best:.1} of them, the next with {next:.1}); expected them legible, \
                  upright and not mirrored, or the number of the leftmost column stated"
             ),
         }

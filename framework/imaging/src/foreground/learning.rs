@@ -1,4 +1,4 @@
-//! Mean and variance of each pixel out of a few pictures, some of which may show somebody passing.
+//! Mean and variance of each pixel from a few pictures, some of which may show a person passing.
 //!
 //! Up to fifteen pictures are kept, evenly spread over those that are learnt from. The median of a pixel's samples holds as
 //! long as less than half of them are disturbed; mean and variance are taken of the samples within three (robust) standard

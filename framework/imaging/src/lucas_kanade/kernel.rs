@@ -5,14 +5,14 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use super::lanes::{self, Lanes};
 use crate::ImageView;
 
-/// Rows are read this much wider than they need to be, on all sides together: the search moves that far before it reads anew.
+/// Rows are read this much wider than they need to be, on all sides together: the search moves that far before it reads again.
 const SLACK: usize = 8;
 /// Pixels by which a region reaches beyond its window at the start, on each side.
 const REACH: isize = 3;
 /// Rows are padded to a multiple of this.
 const CHUNK: usize = 8;
 
-/// Part of a picture as numbers, about where a patch is looked for.
+/// Part of a picture as numbers, around the place where a patch is searched.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Region {
     pixels: Vec<f32>,

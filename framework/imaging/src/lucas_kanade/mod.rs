@@ -1,4 +1,4 @@
-//! Where a small patch of one picture lies in another: pyramidal Lucas–Kanade, with the uncertainty of the answer.
+//! Tracks a small patch from one picture to another: pyramidal Lucas–Kanade, with the covariance of the answer.
 //!
 //! Sources: B. D. Lucas, T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI 1981;
 //! C. Tomasi, T. Kanade, "Detection and tracking of point features", CMU-CS-91-132, 1991 (the structure tensor); J.-Y. Bouguet,
@@ -51,20 +51,20 @@ impl Default for FlowSettings {
 /// Why a patch was not found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lost {
-    /// There is nothing in the patch that would fix its place.
+    /// The patch has too little texture in some direction to fix its place.
     Flat,
     /// More than half of the window to one side would lie beyond the border, or the place is not a finite number.
     Outside,
-    /// The search went on and on, or further away than its window is wide.
+    /// The search did not converge, or moved further than its window is wide.
     Diverged,
 }
 
-/// A patch that was found.
+/// The place of a patch in another picture, and how well it matches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flow {
     /// Its centre, in pixels of the picture searched.
     pub pixel: Point2<f64>,
-    /// Of that, against the centre that the template was learnt at [px²].
+    /// Covariance of the centre, relative to that of the template [px²].
     pub covariance: Matrix2<f64>,
     /// Normalised correlation of the template and what lies there, −1 to 1: the same under another brightness and contrast [–].
     pub correlation: f64,
@@ -72,7 +72,7 @@ pub struct Flow {
     pub residual: f64,
 }
 
-/// One patch at each level of a pyramid, with all that is needed to find it again. Its memory is used again.
+/// A template: one patch at each level of a pyramid, with its gradients. Its memory is reused.
 #[derive(Debug, Clone, Default)]
 pub struct Template {
     /// From level 0 up; empty before the first [`LucasKanade::learn`].
@@ -81,13 +81,41 @@ pub struct Template {
 }
 
 impl Template {
-    /// Where it was learnt [px].
+    /// Its centre in the picture that it was taken from [px].
     pub fn centre(&self) -> Point2<f64> {
         self.centre
     }
 }
 
-/// Learns patches and finds them again; holds the memory for that.
+/// Pyramidal Lucas–Kanade tracker: [`LucasKanade::learn`] takes a template, [`LucasKanade::find`] finds it in another picture. Holds the buffers for both.
+///
+/// ```
+/// use foveate_imaging::{FlowSettings, ImageView, LucasKanade, Pyramid, Template};
+/// use nalgebra::{Point2, Vector2};
+///
+/// // A textured surface before and after a motion by (6.4, -3.7) px.
+/// let (size, motion) = ([160, 120], Vector2::new(6.4, -3.7));
+/// let pyramid = |moved: Vector2<f64>| {
+///     let level = |at: usize| {
+///         let [x, y] = [(at % size[0]) as f64 - moved.x, (at / size[0]) as f64 - moved.y];
+///         (128.0 + 50.0 * (0.21 * x + 0.05 * y).sin() + 50.0 * (0.17 * y - 0.08 * x).cos()).round() as u8
+///     };
+///     let pixels: Vec<u8> = (0..size[0] * size[1]).map(level).collect();
+///     let mut pyramid = Pyramid::default();
+///     pyramid.build(&ImageView::new(&pixels, size[0], size[1]).unwrap(), 4);
+///     pyramid
+/// };
+/// let (before, after) = (pyramid(Vector2::zeros()), pyramid(motion));
+///
+/// let (mut tracker, mut template) = (LucasKanade::new(FlowSettings::default())?, Template::default());
+/// let start = Point2::new(80.0, 60.0);
+/// tracker.learn(&before, start, &mut template).expect("the patch has texture");
+/// let flow = tracker.find(&template, &after, start).expect("it is found again");
+///
+/// assert!((flow.pixel - (start + motion)).norm() < 0.02, "{flow:?}");
+/// assert!(flow.correlation > 0.99, "{flow:?}");
+/// # Ok::<(), foveate_imaging::ImagingError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct LucasKanade {
     settings: FlowSettings,
@@ -95,6 +123,8 @@ pub struct LucasKanade {
 }
 
 impl LucasKanade {
+    /// A tracker with these settings.
+    ///
     /// # Errors
     /// [`ImagingError::Setting`] names the first setting out of its range.
     pub fn new(settings: FlowSettings) -> Result<Self, ImagingError> {
@@ -113,15 +143,15 @@ impl LucasKanade {
         Ok(Self { settings, region: Region::default() })
     }
 
-    /// What it searches by.
+    /// The options in use.
     pub fn settings(&self) -> &FlowSettings {
         &self.settings
     }
 
-    /// Learns the patch about `centre` at each level of `pyramid`.
+    /// Takes the patch around `centre` [px] at each level of `pyramid` as `template`.
     ///
     /// # Errors
-    /// [`Lost::Outside`] and [`Lost::Flat`]; the template is then of no use.
+    /// [`Lost::Outside`] and [`Lost::Flat`]; the template is then unusable.
     pub fn learn(&mut self, pyramid: &Pyramid, centre: Point2<f64>, template: &mut Template) -> Result<(), Lost> {
         self.unless_outside(pyramid, &centre)?;
         let n_levels = self.settings.levels.min(pyramid.n_levels());
@@ -137,15 +167,15 @@ impl LucasKanade {
         Ok(())
     }
 
-    /// Looks for `template` in the picture of `pyramid`, at first about `guess`.
+    /// Finds `template` in the picture of `pyramid`, starting at `guess` [px].
     ///
     /// # Errors
-    /// Why it is not found. Nothing says whether what is found is the same thing: look at its correlation, or search back.
+    /// Why it was not found. An answer may still be another patch that looks alike: check its correlation, or track back.
     pub fn find(&mut self, template: &Template, pyramid: &Pyramid, guess: Point2<f64>) -> Result<Flow, Lost> {
         self.find_from(template, pyramid, guess, self.settings.levels)
     }
 
-    /// The same from level `levels` − 1 down only: 1 searches the picture itself alone.
+    /// As [`Self::find`], from level `levels` − 1 down: 1 searches only the picture itself.
     ///
     /// # Errors
     /// As [`Self::find`].

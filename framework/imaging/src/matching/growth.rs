@@ -1,4 +1,4 @@
-//! From seeds over everything that hangs together with them, the best first.
+//! Region growing from seeds over everything connected with them, the best first.
 //!
 //! G. P. Otto, T. K. W. Chau, "A region-growing algorithm for matching of terrain images", Image and Vision Computing 7(2), 1989: of all that was found,
 //! the best is taken, and its four neighbours on the grid are tried with its own values as their start. What fails from one neighbour may be found from
@@ -7,7 +7,7 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// One node of the grid and what was found there.
+/// A matched node of the grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grown<T> {
     /// Column, row on the grid.
@@ -25,7 +25,7 @@ pub struct Growth {
     pub columns: usize,
     /// Rows of the grid.
     pub rows: usize,
-    /// How many neighbours a node may be tried from before it is given up; at least 1.
+    /// How many neighbours a node may be tried from before it counts as failed; at least 1.
     pub tries: u8,
 }
 

@@ -11,7 +11,7 @@ use super::template::{Template, Unknowns};
 use super::two::{Compared, MatchBuffers, compare, compose};
 use super::{MatchOptions, Refused, Warp};
 
-/// Where a picture sees the point of some depth.
+/// The place of a point of given depth in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// Column, row [px].
@@ -20,12 +20,12 @@ pub struct Place {
     pub by_depth: [f64; 2],
 }
 
-/// What a match in several pictures found.
+/// A match in several pictures: the depth of the point, and its place in each picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpaceMatch {
     /// In the unit of the caller's `place`.
     pub depth: f64,
-    /// Of the depth.
+    /// Standard deviation of the depth.
     pub variance: f64,
     /// By picture: its warp, and its correlation with the template; `None` for one that was left out, with the reason.
     pub pictures: Vec<Result<(Warp, f64), Refused>>,

@@ -1,4 +1,4 @@
-//! Least squares matching: where a patch of one picture lies in another, how it is bent there, and how well that is known.
+//! Least squares matching: the place and affine deformation of a patch of one picture in another, with covariance.
 //!
 //! A patch of the *template* is compared with the other picture under an affine map of its lattice (translation, scales, shears: six unknowns)
 //! and a gain and an offset of its gray levels, so that the sum of squared differences is least: [D'Apuzzo 1999 §2.3]; A. Gruen, "Adaptive least
@@ -15,11 +15,11 @@
 //! | file | what it gives |
 //! |---|---|
 //! | [`spline`] | a picture between its pixels |
-//! | [`template`] | what is known of a patch before it is looked for |
+//! | [`template`] | a patch prepared for matching |
 //! | [`two`] | the match in one other picture |
 //! | [`many`] | in several at once, with the depth of one point in space as an unknown |
 //! | [`search`] | the best place in a box by cross-correlation: a start, on a pyramid where the box is large |
-//! | [`growth`] | from seeds over all that hangs together, best first |
+//! | [`growth`] | region growing from seeds, best first |
 
 pub mod growth;
 mod lanes;
@@ -45,7 +45,7 @@ use crate::ImagingError;
 /// A patch reaches at most this far from its centre [px].
 pub const MAX_REACH: usize = 31;
 
-/// Where a patch lies in another picture, and how it is bent there.
+/// Affine map of a patch into another picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Warp {
     /// Where the template's centre lies: column, row [px].
@@ -60,13 +60,13 @@ impl Warp {
         Self { at, matrix: [[1.0, 0.0], [0.0, 1.0]] }
     }
 
-    /// Where what lies at `offset` from the template's centre lies in the picture [px].
+    /// The place in the picture of the point at `offset` from the template's centre [px].
     pub fn apply(&self, offset: [f64; 2]) -> [f64; 2] {
         let [[a, b], [c, d]] = self.matrix;
         [self.at[0] + a * offset[0] + b * offset[1], self.at[1] + c * offset[0] + d * offset[1]]
     }
 
-    /// The same bending of a patch whose centre lies at `offset` from this one's: the start of a neighbour.
+    /// The same affine deformation for a patch whose centre lies at `offset` from this one's: the start for a neighbour.
     pub fn beside(&self, offset: [f64; 2]) -> Self {
         Self { at: self.apply(offset), ..*self }
     }
@@ -101,11 +101,11 @@ pub enum Freedom {
     /// All six.
     #[default]
     Affine,
-    /// The translation; the bending stays as it was at the start.
+    /// The translation; the deformation stays as it was at the start.
     Translation,
 }
 
-/// What a match has, and when it is believed.
+/// Unknowns of a match, and the limits within which it is accepted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchOptions {
     /// Which unknowns there are.
@@ -185,7 +185,7 @@ pub enum Refused {
     Radiometry,
     /// What is left differs too much.
     Dissimilar,
-    /// Known, but not well enough.
+    /// The standard deviation of the place is too large.
     Vague,
 }
 
@@ -202,7 +202,7 @@ impl Refused {
         Refused::Vague,
     ];
 
-    /// For people and names of figures.
+    /// A short name, for messages and names of figures.
     pub fn name(self) -> &'static str {
         match self {
             Refused::Outside => "outside",

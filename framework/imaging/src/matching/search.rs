@@ -12,11 +12,11 @@ use crate::{ImageView, Pyramid};
 pub const WIDEST: usize = 12;
 /// Peaks nearer than this are one [px].
 const ONE_PEAK: usize = 2;
-/// Places that hang together with the best one and correlate at least so well beside it are its own peak: flanks, and a ridge along an edge [–].
+/// Places connected with the best one that correlate at least this well relative to it belong to its own peak: flanks, and a ridge along an edge [–].
 const SAME_PEAK: f32 = 0.97;
 /// Half a box at the finer levels of a pyramid [px].
 const REFINED: usize = 2;
-/// A patch at a coarser level is at least this large, for it has to be told from others [px].
+/// A patch at a coarser level is at least this large, so that it can be distinguished from others [px].
 const LEAST_REACH: usize = 4;
 
 /// What a search found.

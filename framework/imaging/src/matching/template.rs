@@ -1,4 +1,4 @@
-//! What is known of a patch before it is looked for: its gray levels, their derivatives by the unknowns, the normal equations.
+//! A patch prepared for matching: its gray levels, their derivatives by the unknowns, the normal equations.
 
 use nalgebra::{Matrix2, SMatrix, SVector};
 
@@ -9,10 +9,10 @@ use super::{MAX_REACH, MatchOptions, Refused, lanes};
 pub(super) const N: usize = 6;
 pub(super) type Unknowns = SVector<f64, N>;
 pub(super) type Information = SMatrix<f64, N, N>;
-/// Reciprocal condition below which the six unknowns cannot be told apart: single precision has seven digits.
+/// Reciprocal condition below which the six unknowns cannot be separated: single precision has seven digits.
 const SINGULAR: f64 = 1e-6;
 
-/// A patch of (2 `reach` + 1)² pixels that can be looked for; its memory is used again by each [`Template::take`].
+/// A template of (2 `reach` + 1)² pixels for matching; its memory is reused by each [`Template::take`].
 #[derive(Debug, Clone, Default)]
 pub struct Template {
     /// Half a side, without the centre [px].

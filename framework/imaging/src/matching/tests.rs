@@ -205,7 +205,7 @@ fn a_translation_alone_is_better_known_where_nothing_bends() {
 }
 
 #[test]
-fn a_box_is_searched_for_the_right_place_and_a_repeated_one_is_told() {
+fn a_box_is_searched_for_the_right_place_and_a_repeated_one_is_ambiguous() {
     let texture = Texture(40);
     let picture = |of: &dyn Fn(f64, f64) -> [f64; 2], noise: f64| {
         let mut pyramid = SearchPyramid::default();
@@ -222,8 +222,8 @@ fn a_box_is_searched_for_the_right_place_and_a_repeated_one_is_told() {
     assert!(found.correlation > 0.8, "{found:?}");
     // Period 20 px: what is found may be a period off, and says so.
     let repeated = picture(&|x, y| [x.rem_euclid(20.0) + 40.0, y.rem_euclid(20.0) + 40.0], 1.0);
-    let told = repeated.search_from(&repeated, [80.0, 100.0], REACH, &start, 24.0, &mut buffers).unwrap();
-    assert!(told.second > 0.95 * told.correlation, "{told:?}");
+    let ambiguous = repeated.search_from(&repeated, [80.0, 100.0], REACH, &start, 24.0, &mut buffers).unwrap();
+    assert!(ambiguous.second > 0.95 * ambiguous.correlation, "{ambiguous:?}");
     assert!(found.second < 0.9 * found.correlation, "{found:?}");
     // Which places look the same, at the border of a picture those that its half shows.
     let mut template = Template::default();

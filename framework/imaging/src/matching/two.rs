@@ -6,10 +6,10 @@ use super::spline::SplineImage;
 use super::template::{N, Template, Unknowns};
 use super::{Freedom, MatchOptions, Refused, Warp, lanes, rows_of};
 
-/// Where a template was found.
+/// The match of a template in one other picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Its place and bending.
+    /// Its place and affine deformation.
     pub warp: Warp,
     /// Of the place, from what is left of the differences [px²].
     pub covariance: Matrix2<f64>,
@@ -168,7 +168,7 @@ pub fn match_template(
     Err(Refused::NoConvergence)
 }
 
-/// What is left once the last step, too small to be worth another comparison, is taken, held against the gates.
+/// The residual after the last step, which is too small to be worth another comparison, checked against the gates.
 fn judge(
     template: &Template,
     warp: &Warp,

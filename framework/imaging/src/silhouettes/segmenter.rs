@@ -21,7 +21,7 @@ pub struct SegmenterConfig {
     pub shadow_ratio: f32,
     /// How much brighter a highlight may be, at least 1; 1: what is brighter is body.
     pub highlight_ratio: f32,
-    /// Whether a shadow must leave the texture of its background, over windows of 6 px; if not, what single pixels say has to do. For cameras and lenses that have not moved by a part of a pixel since.
+    /// Whether a shadow must preserve the texture of its background over windows of 6 px; otherwise each pixel is judged alone. For cameras and lenses that have moved by no part of a pixel since learning.
     pub by_texture: bool,
     /// No standard deviation is taken to be lower than this [gray level], above 0.
     pub noise_floor: f32,
@@ -76,7 +76,7 @@ impl SegmenterConfig {
     }
 }
 
-/// The learnt scene of one camera, and the body in its last picture.
+/// Background model of one camera, and the silhouettes in its last picture.
 #[derive(Debug, Clone)]
 pub struct Segmenter {
     config: SegmenterConfig,
@@ -132,7 +132,7 @@ const EDGES: usize = 256;
 const EDGE: f32 = 24.0;
 
 impl Segmenter {
-    /// The scene of pictures of this size [px], about to be learnt; nothing is masked.
+    /// A model for pictures of this size [px], about to learn; nothing is masked.
     ///
     /// # Errors
     /// A setting out of its range.
@@ -199,8 +199,8 @@ impl Segmenter {
         Ok(())
     }
 
-    /// Learns from a picture of the empty scene how well such pictures fit the background that was set for them: how far their edges are off, and how well their texture fits. From then on that is expected of all
-    /// backgrounds that are set; what comes of another view is off by more than noise.
+    /// Learns from a picture of the empty scene how well a rendered background fits real pictures: how far edges are displaced, and how well texture fits. From then on the same misfit is expected of all
+    /// backgrounds that are set.
     ///
     /// # Errors
     /// A picture of another size.
@@ -233,7 +233,7 @@ impl Segmenter {
         off.get(off.len() * 9 / 10).map_or(0.0, |it| it.min(MOST_JITTER))
     }
 
-    /// From the next background on: the least standard deviation of a pixel [gray level], and how far an edge may lie beside where it is known, one standard deviation [px].
+    /// Sets, from the next background on, the least standard deviation of a pixel [gray level] and that of the place of an edge [px].
     ///
     /// # Errors
     /// One of them out of its range, which leaves both as they were.
@@ -261,7 +261,7 @@ impl Segmenter {
         Ok(())
     }
 
-    /// There will be no more pictures of the empty scene: those that came have to do. `false`: there was none, and learning goes on.
+    /// Ends learning with the pictures of the empty scene so far. `false`: there was none, and learning goes on.
     pub fn end_teaching(&mut self) -> bool {
         if self.learning.as_mut().is_some_and(Learning::end)
             && let Some(mut learning) = self.learning.take()
@@ -305,12 +305,12 @@ impl Segmenter {
         self.held.extend(boxes);
     }
 
-    /// How surely each pixel of the last picture is body, row by row: from [`BODY`] on it is, 255 surely; specks and pinholes are gone.
+    /// Confidence of each pixel of the last picture, row by row: body from [`BODY`] on, 255 at most; specks and pinholes are removed.
     pub fn confidence(&self) -> &[u8] {
         &self.confidence
     }
 
-    /// The same in three: 0 background, 1 body, 2 surely.
+    /// The mask of the last picture, row by row: 0 background, 1 body, 2 surely body.
     pub fn mask(&self) -> &[u8] {
         &self.mask
     }
@@ -335,8 +335,8 @@ impl Segmenter {
         self.model.limits
     }
 
-    /// The part of the background's edges that is not where it was, in the last picture, although a shadow could be as dark, but more than a coder moves it: of the quarter of the picture where it is least, of those that have edges enough
-    /// to tell. Near 1 when the camera was moved.
+    /// Part of the background's edges displaced in the last picture, by more than shadows and video coding explain: that of the quarter of the picture where it is least, among quarters with
+    /// enough edges. Near 1 when the camera was moved.
     pub fn edges_off(&self) -> f64 {
         self.edges_off
     }
@@ -351,10 +351,10 @@ impl Segmenter {
         if quarters.len() < 2 { 0.0 } else { quarters.into_iter().fold(1.0, f64::min) }
     }
 
-    /// Splits a picture into body and background, and learns from it.
+    /// Segments a picture into body and background, and learns from it.
     ///
-    /// [`Verdict::Learning`]: there is no body yet. [`Verdict::Flooded`]: more than `relearn_fraction` of the picture is body, which is stated in the mask and worth
-    /// little.
+    /// [`Verdict::Learning`]: there is no body yet. [`Verdict::Flooded`]: more than `relearn_fraction` of the picture is body, so the mask is
+    /// unreliable.
     ///
     /// # Errors
     /// A picture of another size, which leaves everything as it was.

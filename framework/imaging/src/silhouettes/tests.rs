@@ -332,7 +332,7 @@ fn settings_out_of_range_are_named() {
     assert!(named(|it| it.highlight_ratio = 0.9).unwrap().starts_with("highlight_ratio"));
 }
 
-/// Which part of the body is found on a floor with a fine grain, and how many pixels are body where nobody is; `off_px` is how far edges of the background lie beside where they were in each picture, and in the last one.
+/// Which part of the body is found on a floor with a fine grain, and how many pixels are body where no person is; `off_px` is how far edges of the background lie beside where they were in each picture, and in the last one.
 fn on_other_views(grain: f32, off_px: f32, is_rehearsed: bool) -> (f64, usize) {
     let noise = &mut Noise(29);
     let config = SegmenterConfig { by_texture: true, jitter_px: 0.1, ..config() };

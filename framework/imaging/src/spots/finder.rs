@@ -10,7 +10,30 @@ use super::{Found, Measure, Sampling, Spot, SpotLimits, Window};
 use crate::thresholds::{LANES, TILE_HEIGHT, TILE_WIDTH};
 use crate::{ImageView, ImagingError, ThresholdMap};
 
-/// Finds spots; keeps its buffers from picture to picture and allocates only when pictures grow.
+/// Detector of LEDs and other bright spots; keeps its buffers from picture to picture and allocates only when pictures grow.
+///
+/// ```
+/// use foveate_imaging::{ImageView, Measure, SpotFinder, SpotLimits, ThresholdMap};
+///
+/// // An LED at (40.3, 21.8) px, 1.5 px wide (one sigma), on a dark background of 10 gray levels.
+/// let (truth, [width, height]) = ([40.3, 21.8], [96, 64]);
+/// let level = |at: usize| {
+///     let [dx, dy] = [(at % width) as f64 - truth[0], (at / width) as f64 - truth[1]];
+///     (10.0 + 200.0 * (-(dx * dx + dy * dy) / (2.0 * 1.5 * 1.5)).exp()).round() as u8
+/// };
+/// let pixels: Vec<u8> = (0..width * height).map(level).collect();
+/// let image = ImageView::new(&pixels, width, height)?;
+///
+/// // A pixel is lit when it is more than 20 gray levels above the background.
+/// let thresholds = ThresholdMap::uniform(30, width, height);
+/// let mut spots = Vec::new();
+/// SpotFinder::new(Measure::default())?.find_full(&image, &thresholds, &SpotLimits::default(), &mut spots)?;
+///
+/// assert_eq!(spots.len(), 1);
+/// let error_px = (spots[0].centre.x - truth[0]).hypot(spots[0].centre.y - truth[1]);
+/// assert!(error_px < 0.02, "{error_px}");
+/// # Ok::<(), foveate_imaging::ImagingError>(())
+/// ```
 pub struct SpotFinder {
     measure: Measure,
     component: Component,

@@ -14,12 +14,12 @@ pub use finder::SpotFinder;
 
 use crate::ImagingError;
 
-/// One bright spot.
+/// One bright spot: the image of an LED, or of a reflection or lamp.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spot {
-    /// Where; (0, 0) is the centre of the top-left pixel [px].
+    /// Its place; (0, 0) is the centre of the top-left pixel [px].
     pub centre: Point2<f64>,
-    /// How well that is known, by the noise model of [`Measure`] [px²].
+    /// Covariance of the centre, by the noise model of [`Measure`] [px²].
     pub covariance: Matrix2<f64>,
     /// Lit pixels that belong to it [px²].
     pub area: u32,
@@ -30,7 +30,7 @@ pub struct Spot {
     /// Sum of the weights that the centre is the mean of: the light of the spot [gray level × px²].
     /// [`Centroid::Integer`]: the area.
     pub weight: f64,
-    /// It reaches the picture's edge, where a part of it may be missing; `covariance` allows for that.
+    /// Whether it touches the picture's edge, where a part of it may be missing; `covariance` allows for that.
     pub touches_border: bool,
     /// Longer over shorter axis of the ellipse with the same second moments, at least 1. A disc has 1.
     pub elongation: f64,
@@ -55,8 +55,8 @@ pub struct SpotLimits {
     pub max_elongation: f64,
     /// Smallest [`Spot::fill`] kept, 0..=1. Removes frames, cables and other hollow or branched things.
     pub min_fill: f64,
-    /// Whether lights that touch, and a light that touches a patch of something less bright, are parted: each then is a spot by itself, which the other limits
-    /// hold for. Otherwise all that is connected is one spot, whose centre lies in between.
+    /// Whether touching lights, and a light that touches a dimmer patch, are separated: each is then a spot of its own, to which the other limits
+    /// apply. Otherwise everything connected is one spot, whose centre lies in between.
     pub part: bool,
     /// At most this many spots are reported; [`Found::truncated`] says that there were more.
     pub max_spots: usize,
@@ -206,7 +206,7 @@ fn greatest_common_divisor(a: usize, b: usize) -> usize {
     if b == 0 { a } else { greatest_common_divisor(b, a % b) }
 }
 
-/// What a search says about the picture as a whole.
+/// Statistics of a search over the whole picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Found {
     /// Pixels compared that could have been lit: the whole picture or its sampled rows, less what is masked. Windows

@@ -1,7 +1,7 @@
 //! Lights that touch something else that is lit: another light, or skin that is brighter than what was learnt behind it.
 //!
-//! With its threshold raised by a part of its own brightness, a group of lit pixels falls into what is bright in it. Two lights are told apart by the dip between
-//! them. A light on lit skin is told by where it lies: the centre of a light by itself hardly moves as the threshold rises, that of a light with a patch at its side does.
+//! With its threshold raised by a part of its own brightness, a group of lit pixels falls into what is bright in it. Two lights are separated by the dip between
+//! them. A light on lit skin is recognised by its centre: that of a light by itself hardly moves as the threshold rises, that of a light with a patch at its side does.
 
 use super::component::{Component, Frame, Run, Shape};
 use super::{Measure, Spot};

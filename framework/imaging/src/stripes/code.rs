@@ -8,12 +8,12 @@ pub const MAX_SIDE: u32 = 32_768;
 /// Steps of a phase shift, at most [–].
 pub const MAX_STEPS: u32 = 32;
 
-/// Which coordinate of the projector a picture tells.
+/// A coordinate of the projector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Axis {
-    /// The column: stripes stand upright in the projector's picture.
+    /// The column: stripes are vertical in the projector's picture.
     Columns,
-    /// The row: stripes lie.
+    /// The row: stripes are horizontal.
     Rows,
 }
 
@@ -29,7 +29,7 @@ impl Axis {
         }
     }
 
-    /// For people.
+    /// `columns` or `rows`, for messages.
     pub fn in_words(self) -> &'static str {
         match self {
             Axis::Columns => "columns",
@@ -95,7 +95,7 @@ impl std::fmt::Display for Shown {
     }
 }
 
-/// Pictures that follow one another in a set.
+/// A group of pictures that follow one another in a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Group {
     /// The white picture.
@@ -124,7 +124,7 @@ impl Group {
     }
 }
 
-/// How the inverse pictures stand in a set.
+/// Where the inverse pictures are in a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Inverse {
     /// Each right after its bit.
@@ -136,11 +136,11 @@ pub enum Inverse {
     Apart,
     /// All bits of both axes, then all their inverses in the same order.
     Last,
-    /// There are none: a pixel is lit where it is brighter than the mean of white and black.
+    /// Without inverse pictures: a pixel is lit where it is brighter than the mean of white and black.
     None,
 }
 
-/// A code and its order in a set of pictures.
+/// A code of stripes and the order of its pictures in a set: what a projector shows, and what a camera's set is decoded with.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StripeCode {
     /// Columns and rows of the projector [px].
@@ -151,9 +151,9 @@ pub struct StripeCode {
     pub offset: [u32; 2],
     /// Projector pixels to a stripe of the finest bit's code: 1, 2, 4, … [px].
     pub stripe: [u32; 2],
-    /// What follows what.
+    /// Order of the groups of pictures.
     pub order: Vec<Group>,
-    /// Where inverse pictures stand.
+    /// Where inverse pictures are.
     pub inverse: Inverse,
     /// Whether the finest bit of an axis comes first.
     pub fine_first: bool,
@@ -245,8 +245,10 @@ impl StripeCode {
         code
     }
 
+    /// Checks that the code is possible: sides, bits, order, phase steps.
+    ///
     /// # Errors
-    /// What cannot be, with what was expected.
+    /// The first value out of its range, with what was expected.
     pub fn check(&self) -> Result<(), ImagingError> {
         let sides = "1 to 32768 columns and rows";
         for side in self.projector {
@@ -291,7 +293,7 @@ impl StripeCode {
         Ok(())
     }
 
-    /// Whether the set tells this coordinate.
+    /// Whether the set encodes this coordinate.
     pub fn has(&self, axis: Axis) -> bool {
         self.order.contains(&Group::Stripes(axis))
     }
@@ -338,7 +340,7 @@ impl StripeCode {
         list
     }
 
-    /// Its order as the settings of nodes say it.
+    /// Its order in the words of the nodes' settings.
     pub fn order_in_words(&self) -> String {
         let group = |it: &Group| match it {
             Group::White => "white",

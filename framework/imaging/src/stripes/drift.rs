@@ -77,7 +77,7 @@ impl Drift {
         self.pace != Pace::Once
     }
 
-    /// Makes coordinates as vague as a move that came once makes them: of the place before or the one after, whichever is asked for, they are evenly spread from right to off by all of the move.
+    /// Widens the standard deviations of coordinates by a single move: relative to the scene before or after it, their error is spread evenly from none to the whole move.
     pub fn widen(&self, coordinates: &mut Coordinates) {
         widen(coordinates, self.by / 3_f64.sqrt());
     }

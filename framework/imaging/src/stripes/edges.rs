@@ -14,12 +14,12 @@ use super::code::{Axis, StripeCode};
 use super::gray::{Decoded, NONE};
 use crate::{ImageView, ImagingError};
 
-/// How coordinates are made from boundaries.
+/// Options of [`coordinates`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeOptions {
     /// How far around a pixel boundaries are taken from; 0: one and a half stripes, at least 2 [px].
     pub reach: usize,
-    /// Of a camera's gray levels, standard deviation, for how boundaries weigh [gray levels].
+    /// Noise of the camera, standard deviation, for the weights of boundaries [gray levels].
     pub noise: f64,
     /// A pixel whose boundaries lie farther off their plane than this, root mean square, is left out [projector px].
     pub max_rms: f64,
@@ -42,14 +42,14 @@ pub struct Coordinates {
     pub values: [Vec<f32>; 2],
     /// Their standard deviations, NaN where there is none [px].
     pub sigmas: [Vec<f32>; 2],
-    /// Blur of the camera, standard deviation; a sharp one's is 0.5, as is that of one on whose pictures nothing tells it [px].
+    /// Blur of the camera, standard deviation; 0.5 for a sharp one, or where it cannot be measured [px].
     pub blur: f64,
 }
 
-/// The projector coordinate of each camera pixel from the boundaries around it.
+/// The projector coordinate of each camera pixel, between stripes, from the boundaries around it.
 ///
 /// # Errors
-/// A set of pictures that is not as `code` says.
+/// Another number or size of pictures than `code` has.
 pub fn coordinates(
     code: &StripeCode,
     pictures: &[ImageView<'_>],

@@ -1,9 +1,9 @@
-//! What is wrong with a set of pictures.
+//! Finds what is wrong with a set of pictures before it is decoded.
 //!
-//! What a Gray code promises is held against the pictures: a picture and its inverse make white and black together; white is the brightest and
-//! black the darkest; no two pictures with stripes are alike; and where one bit changes, the next finer one is 1 and all finer ones are 0. A bit whose
-//! pictures are exchanged breaks the last rule in one way, one that stands in another's place breaks it otherwise, and so does a frame that the
-//! projector dropped. The coarsest bit alone can be exchanged unseen, unless columns come out that the projector does not have.
+//! The pictures are compared with the rules of a Gray code: a picture and its inverse add up to white and black; white is the brightest and
+//! black the darkest; no two pictures of stripes are alike; and where one bit changes, the next finer one is 1 and all finer ones are 0. A bit with
+//! swapped pictures, a bit in the wrong place and a frame that the projector dropped break the last rule in different ways. Only the coarsest bit
+//! can be inverted without breaking a rule, unless columns outside the projector come out.
 
 mod fold;
 mod layouts;
@@ -29,10 +29,10 @@ use super::faults::SetFault;
 use super::stretches;
 use crate::ImageView;
 
-/// What was found about a set.
+/// The faults of a set of pictures, and what of it can be decoded ([`Examination::usable`], [`Examination::prepared`]).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Examination {
-    /// All that is wrong.
+    /// All faults, each with the picture, axis or bit concerned.
     pub faults: Vec<SetFault>,
     /// Part of the pixels that the projector lights [–].
     pub lit: f64,
@@ -69,7 +69,7 @@ const NO_WAVE: f64 = 0.25;
 const SATURATED: u8 = 254;
 /// Part of the picture that the projector has to light at least [–].
 const MIN_LIT: f64 = 0.001;
-/// Pictures that can be held against each other.
+/// Pictures that can be compared with each other.
 const FEWEST: usize = 3;
 /// What noise makes of bright − dark where nothing is lit, over its standard deviation: third highest of some forty values less third lowest, and as much again.
 const NOISE_RANGE: f64 = 5.0;
@@ -90,8 +90,8 @@ const TOLD: f64 = 0.05;
 const BEYOND: f64 = 0.04;
 const CLEARLY: f64 = 3.0;
 
-/// Holds a set of pictures against what `code` promises; a pixel is lit where white − black is at least `min_contrast`, and more than noise. The pictures `absent` could not be
-/// read: whatever stands in their places is not looked at.
+/// Checks a set of pictures against the rules of `code`. A pixel is lit where white − black is at least `min_contrast` [gray levels] and more than noise. The pictures with the numbers
+/// `absent` could not be read; what is in their places is ignored.
 pub fn examine(code: &StripeCode, pictures: &[ImageView<'_>], absent: &[usize], min_contrast: u8) -> Examination {
     let negatives = negative_steps(code, pictures, absent, min_contrast);
     let turned = |it: &usize| (*it, pictures[*it].pixels().iter().map(|it| u8::MAX - it).collect());

@@ -281,7 +281,7 @@ fn explained(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &
     Some(Explained { faults, places, unsure })
 }
 
-/// The code with another order of its pictures that these fit. Which axis is which is told by where pictures stand, so they are taken for those of a set from its end, too.
+/// The code with another order of its pictures that these fit. The places of the pictures decide which axis is which, so they are also taken for those of a set from its end.
 fn reordered(code: &StripeCode, n_pictures: usize, skipped: &[usize], samples: &Samples) -> Option<StripeCode> {
     let roles = code.pictures();
     let from_the_end: Vec<Shown> = roles.iter().rev().copied().collect();

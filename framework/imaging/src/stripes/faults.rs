@@ -1,4 +1,4 @@
-//! What can be wrong with a set of pictures, and how it is said.
+//! Faults of a set of pictures, and their messages.
 
 mod words;
 
@@ -6,141 +6,141 @@ use std::fmt;
 
 use super::code::{Axis, Shown, StripeCode};
 
-/// So many bits of an axis that fit no Gray code say that the pictures are not those of the stated order: a picture that is missing, wrong or in another's place spoils its own bit and one more, two that are exchanged up to four.
+/// With this many bits of an axis that fit no Gray code, the pictures are not in the stated order: a missing, wrong or misplaced picture spoils its own bit and one more, two swapped ones spoil up to four.
 const OTHER_SET: usize = 5;
 
-/// Something that is wrong with a set of pictures. Pictures are numbered in their order, from 0.
+/// A fault of a set of pictures, as [`examine`](super::examine::examine) finds it. Pictures are numbered in their order, from 0; [`SetFault::describe`] says it to a person.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SetFault {
-    /// Another number of pictures than the code has.
+    /// The set has more or fewer pictures than the code.
     Count {
-        /// How many there are.
+        /// Pictures in the set.
         found: usize,
-        /// How many the code has.
+        /// Pictures of the code.
         expected: usize,
-        /// The first one that is not the inverse that stands before or after it, where nothing else is known.
+        /// The first picture that is not the inverse of its neighbour, where nothing else is known.
         unpaired: Option<usize>,
-        /// Whether it is known which are missing or too many: each is a fault of its own.
+        /// Whether the missing or extra pictures are known: each is then a fault of its own.
         is_explained: bool,
     },
     /// A picture could not be read.
     Unreadable {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it should show.
         shown: Shown,
     },
-    /// No picture shows this.
+    /// A picture of the code is missing from the set.
     Missing {
-        /// What.
+        /// What it should show.
         shown: Shown,
-        /// The picture after which it should stand; `None` at the beginning.
+        /// The picture after which it should come; `None` at the beginning.
         after: Option<usize>,
-        /// Whether it may be its inverse instead.
+        /// Whether the inverse may be missing instead.
         or_inverse: bool,
     },
-    /// Pictures of some of these bits or their inverses lack: nothing tells which.
+    /// Pictures of some of these bits or of their inverses are missing; which ones cannot be determined.
     MissingBits {
-        /// Of which axis.
+        /// Their axis.
         axis: Axis,
         /// The bits.
         planes: Vec<u32>,
-        /// How many pictures lack.
+        /// Number of missing pictures.
         pictures: usize,
     },
-    /// Which of the two pictures of a bit lacks is told by the way in which columns and rows run in the picture.
+    /// The polarity of a bit with one missing picture was resolved from image orientation; wrong if the pictures are mirrored.
     ByWay {
-        /// Of which axis.
+        /// Its axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// That both pictures of the finest bit lack, and not those of another one, is told by how wide stripes of columns and rows are in the picture.
+    /// Both pictures of the finest bit are missing, inferred from the width of the stripes in the picture.
     ByWidth {
-        /// Of which axis.
+        /// Its axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// Both pictures of a bit lack, and the other bits and the other axis tell what they would show.
+    /// Both pictures of a bit are missing and were reconstructed from the other bits and the other axis; wrong if the pictures are mirrored.
     Unfolded {
-        /// Of which axis.
+        /// Its axis.
         axis: Axis,
         /// The bit.
         plane: u32,
     },
-    /// Phase steps of an axis lack: nothing tells which.
+    /// Phase steps of an axis are missing; which ones cannot be determined.
     MissingSteps {
-        /// Of which axis.
+        /// Their axis.
         axis: Axis,
-        /// How many pictures lack.
+        /// Number of missing pictures.
         pictures: usize,
     },
     /// No picture shows the stripes of an axis.
     NoAxis {
-        /// Which axis.
+        /// The axis concerned.
         axis: Axis,
         /// How many pictures it has.
         pictures: usize,
     },
-    /// A picture for which there is no place.
+    /// A picture that does not belong to the set.
     Extra {
-        /// Which.
+        /// The picture.
         picture: usize,
         /// What it shows, where that is known.
         shown: Option<Shown>,
     },
-    /// A picture shows something else than it should.
+    /// A picture shows other stripes than it should.
     Shows {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it shows.
         found: Found,
         /// What it should show.
         expected: Shown,
     },
-    /// Two pictures stand in each other's places.
+    /// Two pictures are swapped.
     Exchanged {
-        /// Which.
+        /// The pictures.
         pictures: [usize; 2],
         /// What they should show.
         expected: [Shown; 2],
-        /// Whether the set is sound with both in their places, and is decoded so.
+        /// Whether the set is sound with both in their places, and is decoded that way.
         mended: bool,
     },
-    /// The set has another order.
+    /// The pictures are in another order than stated.
     OtherOrder {
-        /// A code of that order.
+        /// The code with the order that fits.
         code: Box<StripeCode>,
     },
     /// A picture is a negative: dark where it should be bright, by all gray levels.
     Negative {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it should show.
         shown: Shown,
-        /// Whether it is turned back by calculation.
+        /// Whether it is inverted before decoding.
         mended: bool,
     },
-    /// A picture is brighter or darker than the others all over.
+    /// The whole of a picture is brighter or darker than the others.
     Exposed {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it should show.
         shown: Shown,
-        /// How many times as bright [–].
+        /// Its brightness over that of the others [–].
         factor: f64,
     },
-    /// Pictures are brighter or darker than most, and are evened out.
+    /// Pictures are brighter or darker than most; brightness is equalised before decoding.
     Uneven {
-        /// Which, each with how many times as bright [–].
+        /// The pictures, each with its brightness over that of most [–].
         pictures: Vec<(usize, f64)>,
     },
-    /// The light faded, or grew, evenly from picture to picture, and pictures are evened out.
+    /// The light faded or grew evenly from picture to picture; brightness is equalised before decoding.
     Faded {
         /// The first and the last picture.
         ends: [usize; 2],
-        /// How many times as bright as the first the last one is [–].
+        /// Brightness of the last over that of the first [–].
         factor: f64,
     },
     /// Something moved between two pictures.
@@ -151,40 +151,40 @@ pub enum SetFault {
         first: usize,
         /// The first and the last of those that are used.
         used: [usize; 2],
-        /// The first and the last of those between these that are not used either.
+        /// The first and the last of the unused pictures between these.
         but: Option<[usize; 2]>,
-        /// By how much all grew brighter, or darker where negative, where a light that was switched explains it [gray levels].
+        /// Brightness added, negative if removed, where a switched light explains the change [gray levels].
         light: Option<f64>,
     },
-    /// A light was switched between two pictures, and is taken off by calculation.
+    /// A light was switched between two pictures; the difference is subtracted before decoding.
     Relit {
         /// The last picture before it.
         last: usize,
         /// The first one after it.
         first: usize,
-        /// By how much all grew brighter, or darker where negative [gray levels].
+        /// Brightness added, negative if removed [gray levels].
         by: f64,
     },
-    /// The light of the room differs from picture to picture, which is taken off by calculation.
+    /// The ambient light differs from picture to picture; the difference is subtracted before decoding.
     Unsteady {
-        /// From the mean of all pictures, at most, in the middle one of the pixels [gray levels].
+        /// Largest difference from the mean of all pictures, median over the pixels [gray levels].
         by: f64,
     },
-    /// A picture shows its stripes on another scene than the others.
+    /// A picture shows its stripes on another scene than the other pictures.
     OtherScene {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it should show.
         shown: Shown,
     },
-    /// The pictures are a whole set for a projector of another size.
+    /// The pictures are a complete set for a projector of another size.
     OtherSize {
-        /// Bits of columns and rows that they have.
+        /// Their bits for columns and rows.
         bits: [u32; 2],
         /// How many pictures there are.
         found: usize,
     },
-    /// The pictures are a whole set of other phase steps, or of another period.
+    /// The pictures are a complete set with another number of phase steps or another period.
     OtherWaves {
         /// How many steps they have.
         steps: u32,
@@ -193,18 +193,18 @@ pub enum SetFault {
         /// How many pictures there are.
         found: usize,
     },
-    /// The projector lights most of what it reaches too weakly.
+    /// The projector's light is too weak in most of the area that it reaches.
     Dim {
-        /// Part of the pixels that it lights well enough [–].
+        /// Part of the pixels with enough light [–].
         lit: f64,
-        /// Part of the pixels that it lights at all [–].
+        /// Part of the pixels that the projector reaches [–].
         reached: f64,
-        /// What is needed [gray levels].
+        /// Required white − black [gray levels].
         needed: u8,
     },
     /// A picture of another size than the first.
     Size {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// Its columns and rows [px].
         found: (usize, usize),
@@ -229,59 +229,59 @@ pub enum SetFault {
     },
     /// White is not the brightest picture, or black not the darkest.
     NotWhite {
-        /// Which.
+        /// Index of the picture.
         picture: usize,
         /// What it should show.
         shown: Shown,
         /// Part of the pixels in which another picture is clearly brighter (darker) [–].
         share: f64,
     },
-    /// A picture and its inverse do not make white and black together.
+    /// A picture and its inverse do not add up to white and black.
     NotInverse {
         /// The bit.
         shown: Shown,
         /// Its picture and the inverse.
         pictures: [usize; 2],
-        /// Part of the pixels in which they do not [–].
+        /// Part of the pixels where they do not [–].
         share: f64,
     },
-    /// Bits whose picture and inverse are exchanged.
+    /// Picture and inverse of some bits are swapped.
     Inverted {
-        /// Which axis.
+        /// Their axis.
         axis: Axis,
-        /// Which bits.
+        /// The bits.
         planes: Vec<u32>,
-        /// Whether that is all that can be told.
+        /// Whether these are all bits whose polarity can be determined.
         all: bool,
-        /// Whether the set is sound with these in their places, and is decoded so.
+        /// Whether the set is sound with these in their places, and is decoded that way.
         mended: bool,
     },
-    /// Bits that do not fit those before them.
+    /// Bits that do not fit the coarser ones.
     OutOfPlace {
-        /// Which axis.
+        /// The axis concerned.
         axis: Axis,
-        /// Which bits.
+        /// The bits concerned.
         planes: Vec<u32>,
     },
-    /// Columns (rows) that the projector does not have.
+    /// Decoded columns (rows) outside the projector.
     OutOfRange {
-        /// Which axis.
+        /// The axis concerned.
         axis: Axis,
         /// Part of the pixels that show one [–].
         share: f64,
-        /// How many the projector has [px].
+        /// Columns (rows) of the projector [px].
         side: u32,
     },
-    /// The projector hardly lights anything.
+    /// The projector lights hardly any pixel.
     TooDark {
         /// Part of the pixels that it lights [–].
         lit: f64,
         /// The 95th percentile of white − black [gray levels].
         contrast: u8,
-        /// What is needed [gray levels].
+        /// Required white − black [gray levels].
         needed: u8,
     },
-    /// No picture shows more light anywhere than the others, although they are not dark.
+    /// No picture shows stripes, although the pictures are not dark.
     Alike {
         /// The 95th percentile of the brightest level of a pixel [gray levels].
         level: u8,
@@ -292,9 +292,9 @@ pub enum SetFault {
         /// Part of the pixels that are saturated in all pictures [–].
         saturated: f64,
     },
-    /// Most of what the projector lights is saturated.
+    /// Most of the pixels that the projector lights are saturated.
     TooBright {
-        /// Part of the lit pixels that are [–].
+        /// Part of the lit pixels that are saturated [–].
         saturated: f64,
     },
 }
@@ -318,7 +318,7 @@ impl fmt::Display for Found {
 }
 
 impl SetFault {
-    /// The axes whose pictures it is about; `None` of what concerns white, black or the whole set.
+    /// The axes of the pictures concerned; `None` for white, black or the whole set.
     pub(super) fn axes(&self) -> Option<Vec<Axis>> {
         let of =
             |shown: &[Shown]| Some(shown.iter().filter_map(Shown::axis).collect()).filter(|it: &Vec<_>| !it.is_empty());
@@ -344,12 +344,12 @@ impl SetFault {
         }
     }
 
-    /// Whether this axis cannot be decoded because of it; `needs_white` where nothing but white and black says what is lit.
+    /// Whether the fault makes this axis undecodable; `needs_white` where only white and black determine which pixels are lit.
     pub fn spoils(&self, axis: Axis, needs_white: bool) -> bool {
         let is_of = |shown: &Shown| shown.axis() == Some(axis);
         match self {
             SetFault::Count { is_explained, .. } => !is_explained,
-            // What is not there may be worked out from the rest, and what lacks is known.
+            // Missing pictures may be reconstructed from the rest; which ones are missing is known.
             SetFault::Missing { .. }
             | SetFault::MissingBits { .. }
             | SetFault::MissingSteps { .. }

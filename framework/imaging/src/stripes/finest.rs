@@ -4,7 +4,7 @@
 //! surfaces takes off contrast too, but as much of all fine stripes alike: such a bit is not taken for too fine, and [`super::gray`] leaves its pixels out.
 //! Without its finest bits a Gray code is a Gray code of stripes twice as wide.
 //!
-//! Stripes narrower than pixels that the camera sees sharply may show any contrast, of their beat with the pixels. How wide they are is told by coarser ones: each bit changes twice as often as the next coarser one.
+//! Stripes narrower than pixels that the camera sees sharply may show any contrast, of their beat with the pixels. Their width follows from coarser ones: each bit changes twice as often as the next coarser one.
 
 use super::code::{Axis, Shown, StripeCode};
 use crate::ImageView;
@@ -232,7 +232,7 @@ fn finest(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)]) -
     if contrasts.get(dropped).is_some_and(|it| *it >= WEAK) { dropped as u32 } else { 0 }
 }
 
-/// How often the finest bit changes from one pixel to the next, told by bits that are resolved [1/px].
+/// How often the finest bit changes from one pixel to the next, inferred from bits that are resolved [1/px].
 fn how_often(bits: &[Vec<usize>], views: &[&[u8]], samples: &[(usize, i32, i32)], width: usize) -> Option<f64> {
     let n_pixels = views.first().map_or(0, |it| it.len());
     // How often a bit changes to the right and downwards.

@@ -17,7 +17,7 @@ use crate::{ImageView, ImagingError};
 /// In [`Decoded::stripes`]: no stripe.
 pub const NONE: u16 = u16::MAX;
 
-/// How sure a pixel must be.
+/// Thresholds that a pixel must pass to be decoded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DecodeOptions {
     /// White − black, at least [gray levels].
@@ -49,7 +49,7 @@ impl DecodeOptions {
     }
 }
 
-/// The stripes that camera pixels are lit by.
+/// The stripe that lights each camera pixel.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Decoded {
     /// Columns and rows of the camera's pictures [px].
@@ -65,10 +65,32 @@ pub struct Decoded {
 const BLOCK: usize = 2048;
 /// Bits that are taken in at once, so that what is kept of a pixel is fetched and put back once for all of them.
 const AT_ONCE: usize = 4;
-/// The finest bits, in which light over other surfaces is told from direct light.
+/// The finest bits, in which light over other surfaces is distinguished from direct light.
 const FINEST: u32 = 3;
 
-/// Decodes the `axes` of a set of pictures, which stand as `code` says.
+/// Decodes the `axes` of a set of pictures, which are in the order of `code`: the stripe of each camera pixel, by axis. For projector coordinates between
+/// stripes continue with [`coordinates`](super::edges::coordinates).
+///
+/// ```
+/// use foveate_imaging::ImageView;
+/// use foveate_imaging::stripes::code::{Axis, StripeCode};
+/// use foveate_imaging::stripes::gray::{DecodeOptions, decode};
+/// use foveate_imaging::stripes::pattern::picture;
+///
+/// // A projector of 64 x 48 px on a gray wall; the camera sees projector column 63 - x in its column x.
+/// let (code, [width, height]) = (StripeCode::gray([64, 48]), [64, 48]);
+/// let captured = |pattern: Vec<u8>| -> Vec<u8> {
+///     let seen = |at: usize| 10 + pattern[at / width * width + (width - 1 - at % width)] / 2;
+///     (0..width * height).map(seen).collect()
+/// };
+/// let set: Vec<Vec<u8>> = code.pictures().into_iter().map(|it| captured(picture(&code, it, 1.0))).collect();
+/// let views: Result<Vec<_>, _> = set.iter().map(|it| ImageView::new(it, width, height)).collect();
+///
+/// let decoded = decode(&code, &views?, &[Axis::Columns], &DecodeOptions::default())?;
+/// let columns = &decoded.stripes[Axis::Columns.index()];
+/// assert!((0..width * height).all(|at| usize::from(columns[at]) == width - 1 - at % width));
+/// # Ok::<(), foveate_imaging::ImagingError>(())
+/// ```
 ///
 /// # Errors
 /// A code that cannot be; another number of pictures; pictures of different sizes.

@@ -22,7 +22,7 @@ pub(super) enum Seen {
     Dark,
     /// Stripes of a bit, nothing tells which.
     Stripes,
-    /// Nothing can be told.
+    /// Undetermined.
     Unknown,
 }
 
@@ -146,7 +146,7 @@ pub(super) fn identify(code: &StripeCode, samples: &Samples, homes: &[Option<Vec
     seen
 }
 
-/// Of more than two pictures of one bit one is there twice: which of both kinds is the bit, by where they stand. Of two or one nothing is told.
+/// Of more than two pictures of one bit one is there twice: which of both kinds is the bit, by where they stand. Nothing is inferred from two or one.
 fn by_places(class: &Class, homes: &[Option<Vec<Shown>>], axis: Axis, plane: u32) -> Option<bool> {
     if class.members.len() < 3 {
         return None;

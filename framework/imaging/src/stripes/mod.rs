@@ -8,13 +8,13 @@
 //! | [`edges`] | boundaries of stripes between camera pixels, and the projector coordinate of each camera pixel from them |
 //! | [`phase`] | the projector coordinate of each camera pixel from shifted sine waves |
 //! | [`boundary`] | stripe boundary codes, for what moves: four pictures again and again, boundaries tracked from picture to picture |
-//! | [`drift`] | a camera that moved by less than a pixel during a set |
-//! | [`steady`] | a set whose camera crept, as if it had stood |
-//! | [`examine`] | what is wrong with a set of pictures: missing, doubled, swapped, inverted, too bright, too dark |
-//! | [`faults`] | how that is said |
+//! | [`drift`] | detects a camera that moved by less than a pixel during a set |
+//! | [`steady`] | stabilises a set whose camera drifted |
+//! | [`examine`] | finds what is wrong with a set of pictures: missing, duplicated, swapped, inverted, too bright, too dark |
+//! | [`faults`] | the faults and their messages |
 //! | [`finest`] | stripes that are finer than the camera resolves |
 //! | [`noise`] | how noisy a picture is |
-//! | [`ordering`] | places where columns or rows run backwards: something moved |
+//! | [`ordering`] | places where columns or rows run backwards, because something moved |
 //! | [`response`] | the camera's response, where gray levels are not proportional to light |
 //!
 //! Projector coordinates: (0, 0) is the centre of the projector's top-left pixel; column `c` reaches from `c − ½` to `c + ½`.

@@ -3,7 +3,7 @@
 use super::boundary::BoundaryCode;
 use super::code::{Axis, Shown, StripeCode, gray_of};
 
-/// One picture of `code`, a byte a projector pixel, row by row; `gamma` is that of the projector: sine waves are written so that they are
+/// Renders one picture of `code` for the projector, a byte a pixel, row by row; `gamma` is that of the projector: sine waves are written so that they are
 /// sine waves in light [–].
 pub fn picture(code: &StripeCode, shown: Shown, gamma: f64) -> Vec<u8> {
     let [columns, rows] = code.projector.map(|it| it as usize);

@@ -3,7 +3,7 @@
 //! Step k of n shows A + B cos(φ − 2π k / n) to a pixel, φ being 2π times its place in periods. The sums of the steps with the sine and cosine of
 //! 2π k / n give φ and B; the stripe of the Gray code says which period it is, half a period at a time, so that a stripe that is one off at a boundary does no harm.
 //!
-//! A projector that nobody measured makes other waves than sines: a power of the light adds harmonics, whose phase is that of the wave, so that one number a harmonic says what the curve is
+//! An uncalibrated projector does not show exact sine waves: a power of the light adds harmonics, whose phase is that of the wave, so that one number a harmonic says what the curve is
 //! like everywhere. Those up to n / 2 are seen in the steps and taken off; harmonics n − 1 and n + 1 move the phase itself by ε sin(n φ). Where many periods are seen, all phases are as
 //! frequent as each other: the mean of cos(n φ) over all pixels is J₁(n ε), which tells ε, and phases are put right by it.
 //!
@@ -11,8 +11,8 @@
 //! surfaces), and where phase and stripe contradict each other. Two surfaces that one pixel sees make a wave again, of a phase between theirs: a pixel is left out too where light ends beside it,
 //! and where neighbours on no side go on in it.
 //!
-//! Source: V. Srinivasan, H. Liu, M. Halioua, "Automated phase-measuring profilometry of 3-D diffuse objects", Applied Optics 23(18), 1984. A curve that is told by how
-//! often phases come: H. Guo, H. He, M. Chen, "Gamma correction for digital fringe projection profilometry", Applied Optics 43(14), 2004.
+//! Source: V. Srinivasan, H. Liu, M. Halioua, "Automated phase-measuring profilometry of 3-D diffuse objects", Applied Optics 23(18), 1984. Response curve from the
+//! distribution of phases: H. Guo, H. He, M. Chen, "Gamma correction for digital fringe projection profilometry", Applied Optics 43(14), 2004.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -22,7 +22,7 @@ use super::gray::{Decoded, NONE, same_size};
 use super::wave_steps::{covariance, exchanged};
 use crate::{ImageView, ImagingError};
 
-/// What makes a phase.
+/// Thresholds that a pixel must pass to have a phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhaseOptions {
     /// Amplitude of the wave, at least [gray levels].
@@ -67,20 +67,20 @@ const TOP_OF_J1: f64 = 1.8;
 /// Times the place of a pixel is put right by the wave's own error there.
 const ROUNDS: usize = 8;
 
-/// How the steps of an axis stand to its Gray code.
+/// How the phase steps of an axis relate to its Gray code.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Steps {
     /// As [`Shown::Phase`] says.
     #[default]
     AsStated,
-    /// Otherwise, which all stripes agree on: coordinates are right all the same.
+    /// With another direction or start, on which all stripes agree: coordinates are corrected for it.
     Otherwise {
         /// Whether each step is behind the one before rather than ahead.
         is_reversed: bool,
         /// By so much of a period the first one is ahead [–].
         ahead: f64,
     },
-    /// Stripes do not agree on any way: there are no coordinates.
+    /// Stripes agree on no direction and start: there are no coordinates.
     NoWay,
 }
 
@@ -90,7 +90,7 @@ const NO_LIGHT: f64 = 0.25;
 const GOES_ON: f64 = 0.3;
 const SIGMAS: f64 = 3.0;
 
-/// What phases tell.
+/// Projector coordinates from phases, and how well the phase steps fit.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Phases {
     /// The projector coordinate of each camera pixel.
@@ -103,7 +103,7 @@ pub struct Phases {
     pub off_wave: f64,
 }
 
-/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says. `worked_out` are steps that were not taken but follow from the others: they tell nothing more.
+/// The projector coordinate of each camera pixel by its phase, in the period that its stripe says. `worked_out` are steps that were reconstructed from the others and add no information.
 ///
 /// # Errors
 /// A code without phase steps, or a set of pictures that is not as `code` says.

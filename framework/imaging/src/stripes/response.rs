@@ -1,7 +1,7 @@
 //! The response of the camera, where it is curved: pictures of telephones and webcams state a power of the light.
 //!
 //! Whatever a bit shows, its picture and the inverse together send back as much light as white and black together, what comes by way of other surfaces included. Gray levels say so only where they are
-//! proportional to light. A level g stands for light g^γ: of all exponents the one under which pairs agree best with white and black is the camera's, where it is much better than none. No picture of
+//! proportional to light. A level g means light g^γ: of all exponents the one under which pairs agree best with white and black is the camera's, where it is much better than none. No picture of
 //! known brightness is needed for that. Where a pixel is as bright as white in one picture of a pair and as dark as black in the other, every exponent agrees: what tells it are pixels in between, on boundaries of stripes
 //! and where other surfaces send light. A camera that sets its exposure by itself puts pairs off, too: under each exponent pictures are given the exposures that fit them best, where that explains more.
 

@@ -1,4 +1,4 @@
-//! Pictures of a set that creeps ([`drift`](super::drift)), brought to where the first of them saw the scene.
+//! Stabilises the pictures of a set that drifts ([`drift`](super::drift)): all are resampled to the view of the first.
 //!
 //! What a camera that turns or moves a little sees moves as a whole, the stripes on it too. Each picture is taken from where the scene lies in it, by cubic interpolation of four pixels along rows and columns
 //! (Catmull and Rom). What is left of the creep is measured in the pictures that come of this, and taken off as well.
@@ -23,10 +23,10 @@ const UNKNOWN: f64 = 0.03;
 /// The same of one that is not even, whatever its size: rendered sets that went there and back or settled by 0.3 to 0.6 px were off by up to 0.12 px for all that, those that went farther by 0.08 px [px].
 const UNEVEN: f64 = 0.08;
 
-/// A set that creeps no more.
+/// A stabilised set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Steadied {
-    /// All pictures, as the camera would have seen them where it stood in the first of the set.
+    /// All pictures, as the camera would have seen them from its place in the first.
     pub pictures: Vec<Vec<u8>>,
     /// How the scene crept.
     pub pace: Pace,
@@ -37,7 +37,7 @@ pub struct Steadied {
 }
 
 impl Steadied {
-    /// Of a set that creeps by `drift`; `None` where what is left after it cannot be measured.
+    /// Stabilises a set that drifts by `drift`; `None` where the remaining drift cannot be measured.
     pub fn of(code: &StripeCode, pictures: &[ImageView<'_>], drift: &Drift, min_contrast: u8) -> Option<Steadied> {
         let (size, pace) = (pictures.first()?.size(), drift.pace);
         let mut way = drift.way.clone();
@@ -66,7 +66,7 @@ impl Steadied {
         reach(&self.way)
     }
 
-    /// Makes coordinates as vague as the places of pictures are, and leaves out what the camera did not see in all of them.
+    /// Widens the standard deviations of coordinates by the uncertainty of the pictures' places, and removes pixels that are not in all pictures.
     pub fn widen(&self, coordinates: &mut Coordinates) {
         widen(coordinates, self.sigma);
         let [width, height] = coordinates.size;

@@ -1,4 +1,4 @@
-//! Phase steps that lack, and two that are exchanged: what the others have of a wave tells them. Three make a wave, and where four and more are there the others follow from these, pixel by pixel, by least squares.
+//! Missing phase steps, and two that are swapped, inferred from the wave of the others. Three make a wave, and where four and more are there the others follow from these, pixel by pixel, by least squares.
 
 use nalgebra::{Matrix2, Matrix3, Matrix3xX, MatrixXx3, Vector3};
 

@@ -1,7 +1,7 @@
 //! The way that a scene goes in the camera's picture during a set, from where it lies in sums of two pictures each ([`drift`](super::drift)).
 //!
-//! A camera on a floor that gives, or one that settles, goes there and back, or faster at first. Where the scene lies in one picture is told by the sums around its time: a line through the nearest of them, the
-//! nearer ones weighing more (Cleveland's local regression). How well is told by how each sum lies off the middle of its neighbours: noise, and bends that are too quick to be followed.
+//! A camera on a floor that gives, or one that settles, goes there and back, or faster at first. Where the scene lies in one picture is estimated from the sums around its time: a line through the nearest of them, the
+//! nearer ones weighing more (Cleveland's local regression). Its uncertainty follows from how far each sum lies off the middle of its neighbours: noise, and bends too quick to follow.
 //!
 //! Source: W. Cleveland, "Robust locally weighted regression and smoothing scatterplots", JASA 74, 1979.
 

@@ -1,6 +1,6 @@
-//! A C3D file that is written while it is recorded: a head that keeps its length, and frames behind it.
+//! A C3D file that grows during recording: a header of constant length, and frames behind it.
 //!
-//! After each lot of frames the head is written anew with their number: then the file is whole. Frames are 32-bit floats in Intel's order.
+//! After each batch of frames the header is rewritten with their number; then the file is complete. Frames are 32-bit floats in Intel's order.
 
 use super::read::sample;
 use super::write::{MOST_FRAMES, Room, floats, head, integers};
@@ -9,7 +9,7 @@ use super::{BLOCK, ByteOrder, C3dError, Recording, Sample, fault};
 /// Bytes of a point in a frame.
 pub const POINT_BYTES: usize = 16;
 
-/// What all frames of a file have in common.
+/// Writes a C3D file frame by frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Growing {
     about: Recording,
@@ -18,8 +18,8 @@ pub struct Growing {
 }
 
 impl Growing {
-    /// A file of the points that `about` names, whose samples do not count; labels of up to `label_bytes` bytes can be changed
-    /// later. Residuals are told in steps of `residual_step`, at most 255 of them.
+    /// A file of the points that `about` names (its samples are ignored). Labels of up to `label_bytes` bytes can be
+    /// changed later. Residuals are written in steps of `residual_step`, at most 255 of them.
     ///
     /// # Errors
     /// As [`write`](super::write): too many points, too long labels, analog channels, a step that is not above 0.
@@ -38,7 +38,7 @@ impl Growing {
         Ok(this)
     }
 
-    /// Header and parameters of `n_frames` frames: as long for each number of them.
+    /// Header and parameters for `n_frames` frames; of the same length for any number of frames.
     ///
     /// # Errors
     /// More than 16,777,216 frames.
@@ -50,18 +50,18 @@ impl Growing {
         head(&self.about, n_frames, -self.residual_step, ByteOrder::Intel, room)
     }
 
-    /// Adds a frame, or several, one sample for each point.
+    /// Appends one or several frames, one sample for each point, to `out`.
     pub fn put(&self, samples: &[Sample], out: &mut Vec<u8>) {
         floats(out, samples, self.residual_step, f32::to_le_bytes);
     }
 
-    /// The sample that [`Self::put`] made 16 bytes of, its residual in whole steps.
+    /// Decodes 16 bytes that [`Self::put`] wrote; the residual is in whole steps.
     pub fn sample(&self, bytes: [u8; POINT_BYTES]) -> Sample {
         let value = |at: usize| f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
         sample([value(0), value(4), value(8)], value(12) as i16, self.residual_step)
     }
 
-    /// Header and parameters of the same file as 16-bit integers in steps of `step`, which [`Self::put_integers`] makes frames of.
+    /// Header and parameters of the same file with 16-bit integers in steps of `step`, for frames of [`Self::put_integers`].
     ///
     /// # Errors
     /// As [`Self::head`].
@@ -70,19 +70,19 @@ impl Growing {
         head(&self.about, n_frames, step, ByteOrder::Intel, room)
     }
 
-    /// The step for coordinates up to `farthest`: a little larger than must be, so that the farthest is not rounded beyond the last number.
+    /// The step for coordinates up to `farthest`: a little larger than the least, so that the farthest is not rounded beyond the last number.
     pub fn integer_step(farthest: f32) -> f32 {
         let largest = farthest / f32::from(i16::MAX);
         if largest > 0.0 && largest.is_finite() { largest * 1.000_001 } else { 1.0 }
     }
 
-    /// Adds samples as integers.
+    /// Appends samples as integers to `out`.
     pub fn put_integers(samples: &[Sample], step: f32, out: &mut Vec<u8>) {
         integers(out, samples, step, ByteOrder::Intel);
     }
 
-    /// What fills the last block of a file of `n_bytes` bytes with `n_frames` frames. None where the header cannot count the frames: readers that then
-    /// go to the end of the file would take it for points.
+    /// Padding for the last block of a file of `n_bytes` bytes with `n_frames` frames [bytes]. 0 where the header
+    /// cannot count the frames: readers that then go to the end of the file would take padding for points.
     pub fn padding(n_bytes: u64, n_frames: usize) -> usize {
         if n_frames > usize::from(u16::MAX) { 0 } else { (n_bytes.next_multiple_of(BLOCK as u64) - n_bytes) as usize }
     }

@@ -1,7 +1,9 @@
-//! How the frames of a C3D file lie in it, where header and parameters may disagree.
+//! Layout of the frames in a C3D file, where header and parameters may disagree.
 //!
-//! Header and parameters both count points, frames and analog values, name the first block of the data, and tell floats from integers. Where they
-//! contradict each other, the combination counts whose frames fill the rest of the file to its last block; where none does, points, channels and numbers as first named,
+//! Header and parameters both count points, frames and analog values, name the first block of the data, and
+//! distinguish floats from integers. Where they
+//! contradict each other, the combination is taken whose frames fill the rest of the file to its last block; where
+//! none does, points, channels and numbers as first named,
 //! if they fit.
 
 use super::order::Bytes;
@@ -19,7 +21,7 @@ pub(super) struct Layout {
     pub n_frames: usize,
     /// Values of all channels in a frame.
     pub n_analog: usize,
-    /// `None`: the analog values are no whole number of channels, and are passed over.
+    /// `None`: the analog values are not a whole number of channels, and are ignored.
     pub n_channels: Option<usize>,
     /// Negative: points and channels are floats.
     pub scale: f32,
@@ -106,13 +108,13 @@ pub(super) fn layout(
 ) -> Result<Layout, C3dError> {
     let used = parameters.count("POINT", "USED").filter(|it| *it <= MOST_POINTS);
     let points = unique(used.into_iter().chain([header.n_points]).collect());
-    let told = parameters.number("POINT", "SCALE").map(|it| it as f32);
+    let stated = parameters.number("POINT", "SCALE").map(|it| it as f32);
     let is_scale = |it: &f32| it.is_finite() && *it != 0.0;
-    let mut scales: Vec<f32> = told.into_iter().chain([header.scale]).filter(is_scale).collect();
+    let mut scales: Vec<f32> = stated.into_iter().chain([header.scale]).filter(is_scale).collect();
     // Of two of one sign the parameter's counts.
     scales.dedup_by_key(|it| *it < 0.0);
     if scales.is_empty() && points.iter().any(|it| *it > 0) {
-        return fault(12, format_args!("a scale of {}", told.unwrap_or(header.scale)), "a number other than 0");
+        return fault(12, format_args!("a scale of {}", stated.unwrap_or(header.scale)), "a number other than 0");
     }
     if scales.is_empty() {
         scales.push(-1.0);
@@ -163,8 +165,8 @@ pub(super) fn layout(
         return fault(wanted.start.min(length), found, expected);
     };
     chosen.n_channels = channels(&chosen, header, parameters);
-    let told = Told { header, parameters, points: &points, frames: &frames, starts: &starts, scales: &scales };
-    told.remark(&chosen, remarks);
+    let contents = Contents { header, parameters, points: &points, frames: &frames, starts: &starts, scales: &scales };
+    contents.remark(&chosen, remarks);
     Ok(chosen)
 }
 
@@ -179,7 +181,7 @@ fn channels(layout: &Layout, header: &Header, parameters: &Parameters) -> Option
 }
 
 /// What header and parameters say, to hold against what was taken.
-struct Told<'a> {
+struct Contents<'a> {
     header: &'a Header,
     parameters: &'a Parameters<'a>,
     points: &'a [usize],
@@ -188,9 +190,9 @@ struct Told<'a> {
     scales: &'a [f32],
 }
 
-impl Told<'_> {
+impl Contents<'_> {
     fn remark(&self, chosen: &Layout, remarks: &mut Vec<String>) {
-        let Told { header, parameters, points, frames, starts, scales } = self;
+        let Contents { header, parameters, points, frames, starts, scales } = self;
         if let [used, counted] = points {
             let taken = chosen.n_points;
             remarks.push(format!("POINT:USED says {used} points and the header {counted}; taken: {taken}"));
@@ -201,9 +203,9 @@ impl Told<'_> {
             remarks.push(format!("numbers of frames are {}; taken: {}", list.join(", "), chosen.n_frames));
         }
         if starts.len() == 2 || header.data_start != starts[0] {
-            let (told, taken) = (starts[starts.len() - 1], chosen.start / BLOCK + 1);
+            let (stated, taken) = (starts[starts.len() - 1], chosen.start / BLOCK + 1);
             remarks.push(format!(
-                "the data begin in block {} by the header, {told} by POINT:DATA_START; taken: {taken}",
+                "the data begin in block {} by the header, {stated} by POINT:DATA_START; taken: {taken}",
                 header.data_start
             ));
         }
@@ -214,7 +216,7 @@ impl Told<'_> {
         let per_frame = header.analog_per_frame;
         let Some(n_channels) = chosen.n_channels else {
             remarks.push(format!(
-                "{} analog values a frame, {per_frame} of each channel, are no whole number of channels, and are passed over",
+                "{} analog values a frame, {per_frame} of each channel, are not a whole number of channels, and are ignored",
                 chosen.n_analog
             ));
             return;

@@ -1,4 +1,4 @@
-//! Which points of a C3D file are no places but what a model made of a body.
+//! Points of a C3D file that are outputs of a body model, not positions.
 //!
 //! Programs that compute joint angles, forces, moments and powers store them as points, three numbers each, and list their labels in `POINT:ANGLES`, `POINT:FORCES` and so on, with
 //! `ANGLES2`, `ANGLES3`, … where one parameter does not hold them all. `POINT:TYPE_GROUPS` names more such lists, each with its kind, whose unit is `POINT:KIND_UNITS`.

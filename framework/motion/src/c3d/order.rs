@@ -1,8 +1,8 @@
-//! Numbers in the three byte orders of C3D, and bytes that may end early.
+//! The three byte orders of C3D, and reads that may run past the end.
 
 use super::{C3dError, fault};
 
-/// The processor whose numbers a file holds.
+/// Byte order and floating-point format of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ByteOrder {
     /// Little-endian, IEEE floats.

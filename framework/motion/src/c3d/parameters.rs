@@ -68,7 +68,7 @@ impl<'a> Parameters<'a> {
             let number = bytes.byte(at + 1, "a parameter's group")? as i8;
             let name = text(bytes.range(at + 2, length, "a parameter's name")?).to_uppercase();
             let link = at + 2 + length;
-            let step = usize::from(bytes.word(link, "the way to the next parameter")?);
+            let step = usize::from(bytes.word(link, "the link to the next parameter")?);
             let behind = match number {
                 0 => return fault(at + 1, "group 0", format_args!("a group from 1 to 127 of `{name}`")),
                 ..0 => {

@@ -1,4 +1,4 @@
-//! From the bytes of a C3D file to what it holds.
+//! C3D reader.
 
 use super::layout::{Layout, first_frame, layout};
 use super::model_outputs::model_outputs;
@@ -22,22 +22,23 @@ pub(super) struct Header {
     pub rate_hz: f32,
 }
 
-/// Reads a whole file, with nothing said of what was put right. See [`read_told`].
+/// Reads a whole file. [`read_with_remarks`] also says how contradictions in it were resolved.
 ///
 /// # Errors
-/// As [`read_told`].
+/// As [`read_with_remarks`].
 pub fn read(file: &[u8]) -> Result<Recording, C3dError> {
-    read_told(file).map(|it| it.0)
+    read_with_remarks(file).map(|it| it.0)
 }
 
-/// Reads a whole file, and says what in it contradicts itself or the format, and how it was taken.
+/// Reads a whole file, with remarks on contradictions in it and how they were resolved.
 ///
-/// Where header and parameters disagree on what the frames hold, whatever fits the file's length counts, the parameters before the header. Points without a
-/// label are called `unlabelled-N`, counted from 1. A coordinate that is not a number makes its point missing.
+/// Where header and parameters disagree on the frames, the values that fit the file's length count, parameters before
+/// the header. Points without a label are called `unlabelled-N`, counted from 1. A coordinate that is not a number
+/// makes its point missing.
 ///
 /// # Errors
-/// The byte, what is there and what should be: no C3D, or one that is broken or cut off.
-pub fn read_told(file: &[u8]) -> Result<(Recording, Vec<String>), C3dError> {
+/// The byte, what was found and what was expected: no C3D file, or one that is broken or cut off.
+pub fn read_with_remarks(file: &[u8]) -> Result<(Recording, Vec<String>), C3dError> {
     let mut bytes = Bytes { all: file, order: ByteOrder::Intel };
     bytes.range(0, BLOCK, "a header")?;
     if file[1] != MAGIC {

@@ -145,7 +145,7 @@ fn check_put_right(order: ByteOrder, change: impl FnOnce(&mut Vec<u8>), words: &
     let wanted = recording(5, 40);
     let mut file = write(&wanted, FLOAT, order).unwrap();
     change(&mut file);
-    let (found, remarks) = read_told(&file).unwrap();
+    let (found, remarks) = read_with_remarks(&file).unwrap();
     assert_eq!((found.labels, found.samples), (wanted.labels, wanted.samples));
     assert!(remarks.len() == 1 && remarks[0].contains(words), "{remarks:?}");
 }
@@ -167,7 +167,7 @@ fn header_and_parameters_may_disagree() {
     for per_frame in [0, 1, 7] {
         let mut file = write(&recording(5, 40), FLOAT, ByteOrder::Intel).unwrap();
         file[18] = per_frame;
-        assert_eq!(read_told(&file).unwrap(), (recording(5, 40), Vec::new()));
+        assert_eq!(read_with_remarks(&file).unwrap(), (recording(5, 40), Vec::new()));
     }
 }
 
@@ -184,9 +184,9 @@ fn points_are_kept_where_analog_values_are_no_whole_number_of_channels() {
         torn.extend_from_slice(&[7; 12]);
     }
     torn.resize(file.len(), 0);
-    let (found, remarks) = read_told(&torn).unwrap();
+    let (found, remarks) = read_with_remarks(&torn).unwrap();
     assert_eq!((found.samples, found.analog), (wanted.samples, Analog::default()));
-    assert!(remarks.iter().any(|it| it.contains("no whole number of channels")), "{remarks:?}");
+    assert!(remarks.iter().any(|it| it.contains("not a whole number of channels")), "{remarks:?}");
 }
 
 /// The file's last link with its bytes swapped, as files of SGI machines have it.
@@ -216,16 +216,16 @@ fn the_section_ends_where_its_blocks_do() {
     let [low, high] = ((end + 123 - link) as u16).to_le_bytes();
     // Behind the empty description of the last parameter.
     endless[last + 2..last + 7].copy_from_slice(&[1, 0xff, b'x', low, high]);
-    assert_eq!((endless[BLOCK + 2], read_told(&endless).unwrap()), (2, (wanted.clone(), Vec::new())));
+    assert_eq!((endless[BLOCK + 2], read_with_remarks(&endless).unwrap()), (2, (wanted.clone(), Vec::new())));
     // A section that counts one block too few, and one that does not count.
     let mut short = plain.clone();
     short[BLOCK + 2] = 1;
-    let (found, remarks) = read_told(&short).unwrap();
+    let (found, remarks) = read_with_remarks(&short).unwrap();
     assert_eq!((found, remarks.len()), (wanted.clone(), 1));
     assert!(remarks[0].contains("behind the 1 blocks"), "{remarks:?}");
     let mut silent = plain;
     silent[BLOCK + 2] = 0;
-    assert_eq!(read_told(&silent).unwrap(), (wanted, Vec::new()));
+    assert_eq!(read_with_remarks(&silent).unwrap(), (wanted, Vec::new()));
 }
 
 #[test]

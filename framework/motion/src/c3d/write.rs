@@ -1,20 +1,20 @@
-//! From a recording to the bytes of a C3D file.
+//! C3D writer.
 
 use super::{
     BLOCK, ByteOrder, C3dError, FOUR_CHARACTERS, HEADER_EVENTS, LABELS_A_PARAMETER, MAGIC, Recording, Sample, fault,
 };
 
-/// What numbers the points are written as.
+/// Number format of the points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Coding {
     /// 32-bit floats; residuals in steps of `residual_step`, at most 255 of them, in the recording's unit.
     Float {
-        /// Above 0.
+        /// Step of the residuals, above 0.
         residual_step: f32,
     },
     /// 16-bit integers in steps of `step`, at most 32,767 of them either way; residuals in the same steps, at most 255.
     Integer {
-        /// Above 0; `None`: the smallest with which every coordinate can be told.
+        /// Step of the coordinates, above 0; `None`: the smallest that covers all coordinates.
         step: Option<f32>,
     },
 }
@@ -26,11 +26,11 @@ const LONGEST_LABEL: usize = 120;
 /// The longest parameter section [blocks].
 const MOST_BLOCKS: usize = 255;
 
-/// A file of `recording`; a point whose coordinate is not a number is written as missing.
+/// Encodes `recording` as a C3D file; a point with a coordinate that is not a number is written as missing.
 ///
 /// # Errors
-/// What cannot be told in a C3D file, at byte 0: samples that are no whole number of frames, too many points or too long labels, analog channels, a step that is not
-/// above 0 or with which a coordinate cannot be told.
+/// With offset 0, what the format cannot hold: samples that are no whole number of frames, too many points, too long
+/// labels, analog channels, or a step that is not above 0 or too small for a coordinate.
 pub fn write(recording: &Recording, coding: Coding, order: ByteOrder) -> Result<Vec<u8>, C3dError> {
     let n_points = recording.labels.len();
     let n_frames = recording.n_frames();

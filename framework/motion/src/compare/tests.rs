@@ -180,6 +180,6 @@ fn what_cannot_be_compared_is_refused() {
     assert!(refused(&walk(100.0, 50.0, 1.0), &by(false, 1.0)).contains("no shift within 1 s"));
     let mut still = a.clone();
     still.samples.iter_mut().flatten().for_each(|it| it.position = Point3::origin());
-    assert!(refused(&still, &by(true, 0.0)).contains("cannot be laid onto A"));
+    assert!(refused(&still, &by(true, 0.0)).contains("cannot be aligned to A"));
     assert!(refused(&still, &by(false, 0.5)).contains("points move"));
 }

@@ -1,4 +1,4 @@
-//! Motions of BVH files: each joint is a point, and each end of a limb, as `JOINT-end`.
+//! BVH files as motions: each joint is a point, and each end of a limb, as `JOINT-end`.
 
 use nalgebra::Point3;
 

@@ -1,7 +1,7 @@
-//! Motions of C3D files.
+//! C3D files as motions.
 //!
-//! A residual above 0 is the standard deviation of a measured sample, 0 says that a model or a filter supplied it. Files in which every residual is 0 say
-//! nothing by that: many programs write none.
+//! A residual above 0 is the standard deviation of a measured sample; 0 marks a sample from a model or a filter. Where
+//! every residual is 0, samples count as measured: many programs write no residuals.
 
 use foveate_messages::{CameraId, CameraSet, Provenance};
 use nalgebra::Point3;
@@ -13,11 +13,11 @@ use crate::motion::{Event, Motion, Sample, Up};
 
 /// Bits of the mask.
 const BITS: usize = 7;
-/// Residuals are told in steps no finer than this [m].
+/// Least step of residuals [m].
 const FINEST_STEP: f64 = 0.02e-3;
 
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<(Motion, Vec<String>), MotionError> {
-    let (file, mut remarks) = c3d::read_told(bytes).map_err(|it| MotionError(it.to_string()))?;
+    let (file, mut remarks) = c3d::read_with_remarks(bytes).map_err(|it| MotionError(it.to_string()))?;
     let n_points = file.labels.len();
     let mut is_place = vec![true; n_points];
     file.model_outputs.iter().flat_map(|it| &it.points).for_each(|it| is_place[*it] = false);
@@ -34,7 +34,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<(Motion, Vec<S
     }
     let has_residuals = file.start_s.is_some() || there().any(|it| it.residual > 0.0);
     if !has_residuals && there().next().is_some() {
-        remarks.push("all residuals are 0: taken as not told, and all samples as measured".to_owned());
+        remarks.push("all residuals are 0: taken as missing, and all samples as measured".to_owned());
     }
     let sample = |it: &c3d::Sample| {
         let place = Point3::from(it.position.map(|it| f64::from(it) * metres));
@@ -89,7 +89,7 @@ fn bit(camera: CameraId, n_cameras: usize) -> usize {
     (if n_cameras > BITS { camera * BITS / n_cameras } else { camera }).min(BITS - 1)
 }
 
-/// What each bit stands for.
+/// The camera of each bit.
 fn bits(cameras: &[String]) -> Vec<String> {
     let mut bits = vec![String::new(); cameras.len().min(BITS)];
     for (number, name) in (0..).zip(cameras) {
@@ -161,7 +161,7 @@ pub(super) fn write(motion: &Motion, asked: Option<&str>) -> Result<Written, Mot
     let mut lost = lost(motion, keeps);
     let n_uneven = motion.samples.iter().flatten().filter(|it| it.sigma().is_some() && is_uneven(it)).count();
     if n_uneven > 0 {
-        lost.push(format!("{n_uneven} covariances: a residual tells their mean over the axes"));
+        lost.push(format!("{n_uneven} covariances: a residual holds only their mean over the axes"));
     }
     Ok(Written { bytes, lost, notes: Vec::new() })
 }

@@ -1,4 +1,4 @@
-//! Motions of NumPy archives, as `export.npy` writes them.
+//! NumPy archives as motions, in the layout of `export.npy`.
 
 use foveate_messages::{CameraId, CameraSet, Provenance};
 use nalgebra::Point3;
@@ -55,7 +55,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Motion, Vec<String>), MotionError> {
         }
     };
     if times_s.iter().any(|it| !it.is_finite()) || times_s.windows(2).any(|it| it[1] <= it[0]) {
-        return Err(MotionError("`times_s`: found times that do not grow, expected ascending ones".to_owned()));
+        return Err(MotionError("`times_s`: found times out of order, expected ascending ones".to_owned()));
     }
     let covariances = of_shape("covariances_m2", &[n_frames, n_points, 3, 3])?;
     let provenance_names = texts("provenance_names")?;
@@ -86,7 +86,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Motion, Vec<String>), MotionError> {
         Some(sample)
     };
     let samples: Vec<Option<Sample>> = (0..n_frames * n_points).map(sample).collect();
-    let besides = file.has("marks_own_m").then(|| "the marks in the space of their own".to_owned());
+    let besides = file.has("marks_own_m").then(|| "the marks in their own space".to_owned());
     let motion = Motion {
         labels,
         rate_hz: rate.or_else(|| rate_of(&times_s)),

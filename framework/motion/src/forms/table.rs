@@ -1,7 +1,8 @@
 //! Our own tables: `targets.csv` and `marks.csv`, as `export.targets` and `export.marks` write them.
 //!
-//! A row for each point and time, columns in any order by their names. `time_s` and `target` or `mark` are needed, and `x_m`, `y_m`, `z_m` or the same in the world
-//! (`world_x_m`, …), which count where both are there. `name` (a point's name, quoted where it must be) is ours too: written where names are not `target-N`.
+//! A row for each point and time, columns in any order, found by name. `time_s` and `target` or `mark` are needed, and
+//! `x_m`, `y_m`, `z_m` or the same in the world
+//! (`world_x_m`, …), which take precedence. `name` (a point's name, quoted where needed) is optional: it is written where names are not `target-N`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -258,7 +259,7 @@ pub(super) fn read(text: &str) -> Result<(Motion, Vec<String>), MotionError> {
         before.add(row, n_columns);
     }
     if table.n_without_place > 0 {
-        remarks.push(format!("{} rows have no place in the world, and are passed over", table.n_without_place));
+        remarks.push(format!("{} rows have no position in the world, and are skipped", table.n_without_place));
     }
     let places: BTreeMap<u64, usize> = table.names.keys().copied().zip(0..).collect();
     let mut times: Vec<i64> = table.rows.iter().map(|it| it.0).collect();

@@ -1,6 +1,7 @@
-//! Motions of TRC files.
+//! TRC files as motions.
 //!
-//! TRC does not say which axis is up. OpenSim and our own reader take y: points are turned when they are written, here as in `export.trc`, unless another is asked for.
+//! TRC does not say which axis is up. OpenSim and our own reader assume y: points are rotated when written, here as in
+//! `export.trc`, unless another axis is requested.
 
 use foveate_messages::Provenance;
 use nalgebra::Point3;
@@ -11,7 +12,7 @@ use crate::motion::{Motion, Sample, Up, rate_of};
 use crate::trc::{self, Recording};
 
 pub(super) fn read(text: &str, options: &ReadOptions) -> Result<(Motion, Vec<String>), MotionError> {
-    let (file, mut remarks) = trc::read_told(text).map_err(|it| MotionError(it.to_string()))?;
+    let (file, mut remarks) = trc::read_with_remarks(text).map_err(|it| MotionError(it.to_string()))?;
     let largest = file.positions.iter().flatten().flatten().fold(0.0_f64, |most, it| most.max(it.abs()));
     let (name, metres) = unit(&file.units, options.metres_per_unit, largest, &mut remarks);
     let rate = file.rate_hz;
@@ -79,7 +80,7 @@ pub(super) fn write(motion: &Motion, name: &str, options: &WriteOptions<'_>) -> 
     }
     // Five decimals.
     if metres > 0.011 {
-        lost.push(format!("places are told to {} mm; --unit mm tells more", metres * 1e-2));
+        lost.push(format!("positions are rounded to {} mm; --unit mm keeps more", metres * 1e-2));
     }
     Ok(Written { bytes: trc::write(&recording, name).into_bytes(), lost, notes })
 }

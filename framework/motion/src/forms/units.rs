@@ -1,8 +1,8 @@
-//! Units of length by their names in files.
+//! Units of length by name.
 
 use crate::motion::Motion;
 
-/// How long a unit of this name is; `None`: not known [m].
+/// Length of the unit of this name [m]; `None`: unknown.
 pub fn unit_length(name: &str) -> Option<f64> {
     let name = name.trim().to_lowercase().replace("metre", "meter");
     let singular = name.strip_suffix('s').filter(|it| it.len() > 2).unwrap_or(&name);
@@ -22,12 +22,12 @@ pub fn unit_length(name: &str) -> Option<f64> {
 const MOST_METRES: f64 = 20.0;
 
 /// The unit of a file that calls it `name`: what the user says, what the name says, or a guess by the largest coordinate, with a remark.
-pub(super) fn unit(name: &str, told: Option<f64>, largest: f64, remarks: &mut Vec<String>) -> (String, f64) {
+pub(super) fn unit(name: &str, stated: Option<f64>, largest: f64, remarks: &mut Vec<String>) -> (String, f64) {
     let by_name = unit_length(name);
-    match (told, by_name) {
-        (Some(told), _) => {
-            let known = [("mm", 0.001), ("cm", 0.01), ("m", 1.0)].into_iter().find(|it| it.1 == told);
-            (known.map_or(name, |it| it.0).to_owned(), told)
+    match (stated, by_name) {
+        (Some(stated), _) => {
+            let known = [("mm", 0.001), ("cm", 0.01), ("m", 1.0)].into_iter().find(|it| it.1 == stated);
+            (known.map_or(name, |it| it.0).to_owned(), stated)
         }
         (None, Some(length)) => (name.trim().to_owned(), length),
         (None, None) => {

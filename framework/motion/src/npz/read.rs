@@ -1,4 +1,4 @@
-//! Reads archives of arrays, as `numpy.savez` and `numpy.savez_compressed` write them.
+//! Reader of archives from `numpy.savez` and `numpy.savez_compressed`.
 
 use std::io::Read;
 
@@ -7,18 +7,18 @@ use flate2::read::DeflateDecoder;
 /// An archive with more than this, unpacked, is refused [bytes].
 const MOST_BYTES: u64 = 1 << 31;
 
-/// The arrays of an archive, each unpacked.
+/// The arrays of an archive, unpacked.
 #[derive(Debug, Clone, Default)]
 pub struct Arrays {
     files: Vec<(String, Vec<u8>)>,
 }
 
-/// Numbers of any type.
+/// An array of numbers of any type.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers {
-    /// How many along each index.
+    /// Length along each index.
     pub shape: Vec<usize>,
-    /// The last index fastest.
+    /// Values, the last index fastest.
     pub values: Vec<f64>,
 }
 
@@ -56,7 +56,7 @@ impl Arrays {
     /// Unpacks an archive.
     ///
     /// # Errors
-    /// What is there and what should be, as a sentence.
+    /// A sentence: what was found and what was expected.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let broken = || {
             format!(
@@ -121,10 +121,10 @@ impl Arrays {
         }
     }
 
-    /// An array of numbers.
+    /// The array of numbers `name`.
     ///
     /// # Errors
-    /// What is there and what should be, as a sentence.
+    /// A sentence: what was found and what was expected.
     pub fn numbers(&self, name: &str) -> Result<Numbers, String> {
         let (kind, shape, bytes) = self.array(name)?;
         let eight = |it: &[u8]| <[u8; 8]>::try_from(it).unwrap_or_default();
@@ -140,10 +140,10 @@ impl Arrays {
         Ok(Numbers { shape, values })
     }
 
-    /// A list of texts.
+    /// The list of texts `name`.
     ///
     /// # Errors
-    /// What is there and what should be, as a sentence.
+    /// A sentence: what was found and what was expected.
     pub fn texts(&self, name: &str) -> Result<Vec<String>, String> {
         let (kind, shape, bytes) = self.array(name)?;
         let length = kind.strip_prefix("<U").and_then(|it| it.parse::<usize>().ok());

@@ -33,8 +33,7 @@ pub struct ScaleAnchor {
 impl Node for ScaleAnchor {
     const TYPE: &'static str = "scale.anchor";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str =
-        "Follows the target that carries a scale's space; each scale with `anchor` has one, named `anchor`";
+    const SUMMARY: &'static str = "Follows the target that carries a scale's space; added to each scale with `anchor`";
     type Settings = ScaleAnchorSettings;
 
     fn ports() -> Ports {

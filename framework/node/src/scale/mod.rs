@@ -1,7 +1,7 @@
 //! Scales at run time: who carries a scale's space, where that space is, and which scales there are.
 //!
 //! The space of a scale with `anchor` moves with a target of its parent. The loader gives each such scale a node `anchor`
-//! ([`ScaleAnchor`]) that says where the space is ([`ScaleSpace`](foveate_messages::ScaleSpace)); whoever has to carry points between
+//! ([`ScaleAnchor`]) that says where the space is ([`ScaleSpace`](foveate_messages::ScaleSpace)); a node that transforms points between
 //! scales keeps [`Spaces`] of these messages. A scale without an anchor has its parent's space.
 
 mod anchor;

@@ -14,7 +14,7 @@ const REACH_NS: i64 = 200_000_000;
 const STEP_NS: i64 = 1_000_000;
 
 /// Where the scales around one scale are, through time: all those with the same world. A scale that is not anchored has its parent's
-/// space; one that is anchored has none until [`Self::learn`] was told of it.
+/// space; an anchored scale has none until [`Self::learn`] got its first message.
 ///
 /// A node keeps one of these from an input `In::latest(…).many().optional()` of [`ScaleSpace`] to which the rig connects the anchors of its
 /// scale and of those around it, and learns of all messages there before it asks.
@@ -67,7 +67,7 @@ impl Spaces {
         self.is_moving
     }
 
-    /// Takes what an anchor says; the same twice changes nothing, nor does what is of another world or not finite.
+    /// Adds a message of an anchor; a repeated message, one of another world or one that is not finite changes nothing.
     pub fn learn(&mut self, said: &ScaleSpace) {
         let Some(space) = self.space(said.scale).filter(|it| *it != SceneGraph::ROOT) else { return };
         let pose = UncertainPose { transform: said.parent_from_scale, covariance: said.covariance };
@@ -80,7 +80,7 @@ impl Spaces {
     /// From the space of scale `b` to that of scale `a` at `time`.
     ///
     /// # Errors
-    /// Which space between the two is suspended then, was never told of, or only of times too far away.
+    /// Which space between the two is suspended then, is unknown, or is known only at times too far away.
     pub fn a_from_b(&self, a: ScaleId, b: ScaleId, time: Time) -> Result<UncertainPose, SceneError> {
         let foreign = |scale: ScaleId| SceneError::Foreign { index: scale.0 as usize, count: self.spaces.len() };
         let a = self.space(a).ok_or_else(|| foreign(a))?;

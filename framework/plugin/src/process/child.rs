@@ -86,7 +86,7 @@ impl Child {
         let length = u32::try_from(text.len() - 4).map_err(|_| "was sent more than a frame holds".to_owned())?;
         text[..4].copy_from_slice(&length.to_le_bytes());
         if self.has_spoken()? {
-            return Err("sent more than one answer, or one that was not asked for".to_owned());
+            return Err("sent more than one answer, or one without a request".to_owned());
         }
         self.send(text, until, &late("did not read what it was sent"))?;
         let no_answer = late("did not answer");

@@ -7,8 +7,8 @@
 //! | `process.filter` | targets | targets |
 //! | `process.pictures` | pictures | pictures |
 //!
-//! The process may crash, hang or lie: each is a failure of the node, by name, with what the process last wrote on standard error; it is ended, and the
-//! rig's `on_error` says what follows. What it sends is read as its message's type says, and no more than [`LONGEST_FRAME`] of it. A frame is a
+//! The process may crash, hang or send invalid data: each is a failure of the node, by name, with what the process last wrote on standard error; it is
+//! ended, and the rig's `on_error` says what follows. What it sends is read as its message's type says, and no more than [`LONGEST_FRAME`] of it. A frame is a
 //! length (32 bits, little endian) and so many bytes of JSON:
 //!
 //! | from | frame | when |
@@ -205,8 +205,8 @@ impl Process {
             None => return Ok(Vec::new()),
             Some(list) => list.as_array().ok_or_else(|| lied("an `emit` that is no list"))?,
         };
-        if list.len() > MOST_MESSAGES {
-            return Err(lied(&format!("{} messages in one answer, expected at most {MOST_MESSAGES}", list.len())));
+        if list.len() > MAX_MESSAGES {
+            return Err(lied(&format!("{} messages in one answer, expected at most {MAX_MESSAGES}", list.len())));
         }
         let messages = list.iter().map(|it| {
             if it.get("port").and_then(Value::as_str) != Some(port) {
@@ -249,7 +249,7 @@ fn fault_of(features: &Features, camera: CameraId) -> Option<String> {
 }
 
 /// Messages in one answer, at most.
-const MOST_MESSAGES: usize = 1024;
+const MAX_MESSAGES: usize = 1024;
 
 /// A value that a process gave, for a sentence: not more than a line of it.
 fn words(value: &Value) -> String {
@@ -292,7 +292,7 @@ pub struct Detector(Process);
 impl Node for Detector {
     const TYPE: &'static str = "process.detector";
     const ROLE: Role = Role::Detector;
-    const SUMMARY: &'static str = "Finds points in pictures in a process of its own, in any language";
+    const SUMMARY: &'static str = "Finds points in pictures with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {
@@ -322,7 +322,7 @@ pub struct Filter(Process);
 impl Node for Filter {
     const TYPE: &'static str = "process.filter";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Filters targets in a process of its own, in any language";
+    const SUMMARY: &'static str = "Filters targets with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {
@@ -347,7 +347,7 @@ pub struct Pictures(Process);
 impl Node for Pictures {
     const TYPE: &'static str = "process.pictures";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Works on pictures in a process of its own, in any language";
+    const SUMMARY: &'static str = "Processes pictures with a program of your own, in any language (Linux only)";
     type Settings = ProcessSettings;
 
     fn ports() -> Ports {

@@ -89,7 +89,7 @@ struct Link<'g> {
     /// The message, and the output's name where that is another.
     label: Cow<'g, str>,
     feedback: bool,
-    /// Ports in full, for those who ask.
+    /// Ports in full, for tooltips.
     about: String,
 }
 

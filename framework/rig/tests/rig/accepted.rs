@@ -89,8 +89,8 @@ fn what_is_probably_not_meant_is_a_warning() {
         "{LAB}\n[scale.room.node.smooth]\ntype = \"test.smoother\"\nin.targets = \"targets.targets\"\n\
          [scale.room.node.idle]\ntype = \"test.listener\"\nin.hints = \"targets.hints\"\n"
     ));
-    let titles: Vec<&str> = graph.warnings.list.iter().map(|it| it.title.as_str()).collect();
-    assert_eq!(titles, ["what `smooth` gives goes nowhere", "`idle` never runs"], "{}", graph.warnings);
+    let about = |at: usize, node: &str| graph.warnings.list[at].title.contains(node);
+    assert!(about(0, "`smooth`") && about(1, "`idle`"), "{}", graph.warnings);
     assert_eq!((graph.warnings.n_errors(), graph.warnings.n_warnings()), (0, 2));
     assert_eq!(graph.warnings.list[0].line_column(), (43, 1));
 }

@@ -313,7 +313,7 @@ fn cameras_that_the_calibration_lacks_are_told_with_those_it_has() {
 
 #[test]
 fn calibration_that_cannot_be_used_is_told_with_its_own_errors() {
-    let said = ["the calibration cannot be used", "lib.calibration.toml"];
+    let said = ["the calibration cannot be used", "lib.calibration.toml", "image_size_px", "foveate calibrate"];
     one("lab.calibration", "lib.calibration", "3:15", "\"lib.calibration.toml\"", &said);
     let said = ["the calibration cannot be found", "NO_SUCH_VARIABLE_HERE"];
     one("\"lab.calibration.toml\"", "\"${NO_SUCH_VARIABLE_HERE}/a\"", "3:15", "\"${NO_SUCH_VARIABLE_HERE}/a\"", &said);
@@ -331,9 +331,15 @@ fn a_room_that_is_not_calibrated_yet_is_told_once() {
     let faults = bad(&edited("lab.calibration.toml", &path.display().to_string()));
     assert_eq!(faults.list.len(), 1, "{faults}");
     let said = faults.to_string();
-    for words in
-        ["not calibrated yet", "lacks the poses of 5 and the optics of 5 of its 5 cameras", "foveate calibrate"]
-    {
+    for words in [
+        "not calibrated yet",
+        "lacks the poses of 5 and the optics of 5 of its 5 cameras",
+        "foveate calibrate",
+        "led.detector",
+        "--wand-mm",
+        "board.detector",
+        "--chessboard",
+    ] {
         assert!(said.contains(words), "{words}: {said}");
     }
     // Something else is wrong with it: that is said.

@@ -62,7 +62,7 @@ fn nodes_of_the_scale_are_given_its_rule_and_radius() {
     let given = Arc::new(Mutex::new(Vec::new()));
     let mut registry = registry_without_aim();
     let seen = Arc::clone(&given);
-    registry.add_made::<Aim>(move |_, setup| {
+    registry.add_with::<Aim>(move |_, setup| {
         seen.lock().unwrap().push((setup.anchor, setup.radius_m));
         Ok(Aim)
     });

@@ -12,7 +12,8 @@ use foveate_geometry::{Camera, Distortion};
 use nalgebra::{Matrix3, Matrix3x4};
 
 use super::{DltOrigin, ImportOptions, optics};
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 
 const COEFFICIENTS: usize = 11;
 /// A world whose origin is nearer than this to a camera's own plane has no such coefficients [unit of the world].

@@ -26,16 +26,20 @@ mod rings;
 mod storage;
 mod toml_writers;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
 use foveate_geometry::{Camera, Intrinsics};
 
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, read_text};
+use crate::calibration::{Calibration, LengthUnit};
+use crate::draft::Draft;
+use crate::error::{CalibrationDiagnostic, CalibrationError};
+use crate::text::read_text;
 use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
-/// What [`Calibration::load`] looks for; part of its error when nothing fits.
+/// The forms that [`Calibration::load`] knows; part of its error when none fits.
 const LOOKED_FOR: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
                           (%YAML, <opencv_storage> or JSON with opencv-matrix), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
                           column for each camera), a table of Middlebury (NAME_par.txt), or a folder of MultiCamSelfCal (Pmatrices.dat), of COLMAP (cameras.txt, images.txt) or of OpenCV files";
@@ -73,7 +77,7 @@ pub enum DltOrigin {
     TopLeft,
 }
 
-/// What a file does not say of itself.
+/// What a file does not state itself.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ImportOptions {
     /// Columns, rows [px], for formats that hold no image size.
@@ -142,11 +146,40 @@ impl fmt::Display for Format {
     }
 }
 
-impl Calibration {
-    /// As [`Calibration::load`], told what the file does not say.
+impl Draft {
+    /// Reads a calibration as [`Calibration::load`] does; in a file of ours a camera needs no more than its `image_size_px`,
+    /// and `pixel_aspect` where its pixels are not square.
     ///
     /// # Errors
-    /// Every fault found, with its place; when no format fits, what was looked for.
+    /// Every fault found, with its place.
+    pub fn load(path: &Path) -> Result<Draft, CalibrationError> {
+        if Draft::is_ours(path) {
+            return calibration_file::parse_draft(&read_text(path)?, path);
+        }
+        Ok(Draft { calibration: Calibration::load(path)?, unknown: BTreeMap::new() })
+    }
+
+    /// Whether the file at `path` is of our own form.
+    pub fn is_ours(path: &Path) -> bool {
+        path.is_file()
+            && path.extension().is_some_and(|it| it == "toml")
+            && read_text(path).is_ok_and(|text| calibration_file::is_ours(&text))
+    }
+}
+
+impl Calibration {
+    /// Reads a file or folder of any known form, recognised by its content: see [`crate::formats`].
+    ///
+    /// # Errors
+    /// Every fault found, with its place; when no form fits, the forms that are known.
+    pub fn load(path: &Path) -> Result<Calibration, CalibrationError> {
+        Calibration::load_with(path, &ImportOptions::default())
+    }
+
+    /// As [`Calibration::load`], with options for what the file does not state.
+    ///
+    /// # Errors
+    /// Every fault found, with its place; when no format fits, the formats that are known.
     pub fn load_with(path: &Path, options: &ImportOptions) -> Result<Calibration, CalibrationError> {
         if let Some(factor) = options.metres_per_unit.filter(|it| !(it.is_finite() && *it > 0.0)) {
             let fault = CalibrationDiagnostic::of_file(path, format!("a unit of {factor} m"), "a length above 0");
@@ -156,7 +189,7 @@ impl Calibration {
         match options.metres_per_unit {
             None => Ok(calibration),
             Some(_) if calibration.length_unit == LengthUnit::Metre => {
-                let found = "lengths in metres, and another unit asked for";
+                let found = "lengths in metres, and another unit requested";
                 Err(CalibrationDiagnostic::of_file(path, found, "a file that does not say its unit").into())
             }
             Some(factor) => Ok(calibration.in_metres(factor)),
@@ -202,7 +235,7 @@ impl Calibration {
         self
     }
 
-    /// What no other form holds, but for the note on its origin.
+    /// What no other form can hold, apart from the note on its origin.
     fn only_ours(&self) -> Vec<String> {
         let mut lost = Vec::new();
         if self.provenance.is_some() {
@@ -226,7 +259,7 @@ impl Calibration {
         CalibrationDiagnostic { camera: camera.map(str::to_owned), ..fault }.into()
     }
 
-    /// Refuses names that cannot be a file's.
+    /// Refuses names that no file can have.
     fn check_file_names(&self) -> Result<(), CalibrationError> {
         let bad = |name: &str| {
             name.is_empty()

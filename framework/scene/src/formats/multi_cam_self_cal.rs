@@ -8,7 +8,8 @@ use std::fmt::Write as _;
 use foveate_geometry::{Camera, Distortion};
 
 use super::optics;
-use crate::calibration::{Calibration, CalibrationError, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::CalibrationError;
 use crate::multi_cam_self_cal::MATRICES;
 
 /// Names and texts of the files.

@@ -14,7 +14,7 @@
 //! written after it, `cam_int`, `cam_dist`, `proj_int`, `proj_dist`, `rotation`, `translation` of others; any of the names above with `cam_` and `proj_`, or `camera_` and `projector_`, before them.
 //! They become `camera` and `projector`. `img_shape` (rows, columns) is the camera's picture. Other sizes are seldom there: [`ImportOptions::image_size`] and [`ImportOptions::projector_size`] say them.
 //!
-//! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are looked for in `extrinsics` beside it.
+//! Where a pair's `R` and `T` are missing, as in the sample's `intrinsics.yml`, they are read from `extrinsics` beside it.
 //! Our own exports add `camera_name` and `length_unit`, which other readers pass over.
 
 use std::fmt::Write as _;
@@ -26,9 +26,9 @@ use nalgebra::{DMatrix, Isometry3, Matrix3, UnitQuaternion, Vector3};
 
 use super::storage::{Entry, Storage, Value, from_json, from_xml, from_yaml};
 use super::{ExportContent, ImportOptions, note_ignored_skew, optics};
-use crate::calibration::{
-    Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, quoted, read_text, sort_by_place,
-};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError, sort_by_place};
+use crate::text::{quoted, read_text};
 
 const MATRIX: [&str; 9] =
     ["camera_matrix", "CameraMatrix", "cameraMatrix", "Camera_Matrix", "K", "M", "intrinsic", "int", "matrix"];

@@ -21,7 +21,8 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use roxmltree::{Document, Node};
 
 use super::optics;
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
 
 /// Parts of a pixel in which intrinsics are counted.
 const SUBPIXELS: f64 = 64.0;
@@ -61,7 +62,7 @@ impl Reader<'_, '_> {
         self.faults.push(CalibrationDiagnostic { place, camera: self.camera.clone(), ..fault });
     }
 
-    /// Reads everything before it gives up, so that all faults are found.
+    /// Reads everything before it returns an error, so that all faults are found.
     fn camera(&mut self, node: Node<'_, '_>) -> Option<Camera> {
         let view = self.numbers(node, "fov_video", ["left", "top", "right", "bottom"]);
         let inner =

@@ -15,7 +15,9 @@ use foveate_geometry::{Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::{ImportOptions, optics};
-use crate::calibration::{Calibration, CalibrationDiagnostic, CalibrationError, LengthUnit, NamedCamera, read_text};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::{CalibrationDiagnostic, CalibrationError};
+use crate::text::read_text;
 
 /// Files of a COLMAP model.
 const CAMERAS: &str = "cameras.txt";

@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use crate::calibration::CalibrationDiagnostic;
+use crate::error::CalibrationDiagnostic;
 
 /// A file's top-level entries.
 #[derive(Debug, Default)]

@@ -5,7 +5,9 @@ use std::fmt::Write as _;
 use foveate_geometry::{Camera, Distortion};
 
 use super::note_ignored_skew;
-use crate::calibration::{Calibration, CalibrationError, LengthUnit, NamedCamera, quoted};
+use crate::calibration::{Calibration, LengthUnit, NamedCamera};
+use crate::error::CalibrationError;
+use crate::text::quoted;
 
 /// `Calib.toml`, `length_unit` added to its metadata.
 pub(crate) fn pose2sim(calibration: &Calibration, lost: &mut Vec<String>) -> String {

@@ -15,7 +15,7 @@ use super::{Axis, Channel, SkeletonMotion, euler_angles};
 
 mod odd;
 
-pub use odd::odd_pairs;
+pub use odd::suspicious_pairs;
 
 /// Legs that end this near to one another, over the height of the hips, are both stood on [–].
 const LEGS_ALIKE: f64 = 0.1;
@@ -53,7 +53,7 @@ pub struct RigPose {
     pub turns: Vec<UnitQuaternion<f64>>,
 }
 
-/// Why a motion does not go onto a rig.
+/// Why a motion cannot be retargeted to a rig.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RetargetError {
     /// A name of the map that a skeleton does not have.
@@ -218,24 +218,24 @@ fn laid_along(from: &[Vector3<f64>], to: &[Vector3<f64>], near: UnitQuaternion<f
     }
 }
 
-/// Which way is up in a motion, along one of its axes.
+/// The up axis of a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ups {
+pub struct UpAxes {
     /// In its skeleton at rest.
     pub rest: Vector3<f64>,
     /// As it moves.
     pub moving: Vector3<f64>,
 }
 
-impl Ups {
+impl UpAxes {
     /// The same axis at rest and as it moves.
-    pub fn both(axis: Axis) -> Ups {
-        Ups { rest: unit(axis), moving: unit(axis) }
+    pub fn both(axis: Axis) -> UpAxes {
+        UpAxes { rest: unit(axis), moving: unit(axis) }
     }
 
-    /// Whether this is how the rig stands.
-    pub fn are(&self, axis: Axis) -> bool {
-        *self == Ups::both(axis)
+    /// Whether both are this axis.
+    pub fn are_both(&self, axis: Axis) -> bool {
+        *self == UpAxes::both(axis)
     }
 }
 
@@ -251,16 +251,16 @@ fn upright(from: &Vector3<f64>, up: Axis) -> UnitQuaternion<f64> {
     UnitQuaternion::rotation_between(from, &unit(up)).unwrap_or_else(over)
 }
 
-/// Which way is up in `motion`: where the joints are that those of the rig follow which are high at rest, in the mean over all frames. Where that is along none of its axes, or the map names too little, `up`.
+/// The up axis of `motion`: the mean direction, over all frames, of the joints that the rig's high joints follow. `up` where that is along no axis, or the map has too few joints.
 ///
 /// # Errors
 /// As [`followed`].
-pub fn ups_of(
+pub fn up_axes(
     motion: &SkeletonMotion,
     rig: &[RigJoint],
     map: &[(String, String)],
     up: Axis,
-) -> Result<Ups, RetargetError> {
+) -> Result<UpAxes, RetargetError> {
     let source = rig_of(motion);
     let names: Vec<&str> = source.iter().map(|it| it.name.as_str()).collect();
     let follows = followed(rig, &names, map)?;
@@ -271,7 +271,7 @@ pub fn ups_of(
     let varied = (led.iter().map(|it| (it.0 - mean).powi(2)).sum::<f64>() / led.len().max(1) as f64).sqrt();
     let [low, high] = [f64::min, f64::max].map(|it| heights.iter().copied().reduce(it).unwrap_or(0.0));
     if varied <= LEAST_VARIED * (high - low) {
-        return Ok(Ups::both(up));
+        return Ok(UpAxes::both(up));
     }
     let along = |stands: &[Isometry3<f64>]| -> Vector3<f64> {
         led.iter().map(|(height, joint)| stands[*joint].translation.vector * (height - mean)).sum()
@@ -282,7 +282,7 @@ pub fn ups_of(
         if is_clear { unit(axis) * way[axis.index()].signum() } else { unit(up) }
     };
     let moving = (0..motion.n_frames()).filter_map(|it| motion.poses(it, 1.0)).map(|it| along(&it)).sum();
-    Ok(Ups { rest: axis_of(along(&stand(&source, None))), moving: axis_of(moving) })
+    Ok(UpAxes { rest: axis_of(along(&stand(&source, None))), moving: axis_of(moving) })
 }
 
 /// The frames of `motion` on `rig`. `map` names joints of the rig with those of the motion that they follow; `up` is the axis that points up in the rig, `ups` say what does in the motion, which is
@@ -295,7 +295,7 @@ pub fn retarget(
     rig: &[RigJoint],
     map: &[(String, String)],
     up: Axis,
-    ups: &Ups,
+    ups: &UpAxes,
 ) -> Result<Vec<RigPose>, RetargetError> {
     let [rest_up, moving_up] = [&ups.rest, &ups.moving].map(|it| upright(it, up));
     let mut source = rig_of(motion);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::{Channel, SkeletonMotion};
 
 impl SkeletonMotion {
-    /// The text of a BVH file; numbers are written with as many digits as tell them exactly.
+    /// The text of a BVH file; numbers are written with as many digits as identify them exactly.
     pub fn to_bvh(&self) -> String {
         let mut text = String::from("HIERARCHY\n");
         // Children in the order in which they stand, for the numbers of a frame follow the hierarchy.

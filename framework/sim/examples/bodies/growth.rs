@@ -10,7 +10,7 @@ use foveate_geometry::body::{Cubes, Joint, People, PeopleOptions};
 use foveate_geometry::voxels::{Carver, Parts};
 use foveate_plot::{Axis, COLOURS, Chart, Figure, Series};
 use foveate_scene::skeleton::SkeletonMotion;
-use foveate_sim::person::{Person, Told, WholeBody};
+use foveate_sim::person::{Person, RecordingHints, WholeBody};
 use nalgebra::{Point3, Vector2};
 
 use super::scene::{balls, grid_around, hull, mask, ring};
@@ -76,7 +76,7 @@ fn measure(files: &[PathBuf], views: usize, voxel: f64, n_people: usize) -> Resu
     let mut persons = Vec::new();
     for number in 0..n_people {
         let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(&files[number % files.len()])?)?;
-        let body = Arc::new(WholeBody::new(&motion, Told::default(), [0.3, 0.3])?);
+        let body = Arc::new(WholeBody::new(&motion, RecordingHints::default(), [0.3, 0.3])?);
         let place = Vector2::new((number % columns) as f64, (number / columns) as f64);
         let middle = Vector2::repeat(0.5 * (columns as f64 - 1.0));
         persons.push(Person::whole(body, (place - middle) * APART_M, &mut random));

@@ -12,7 +12,7 @@ use foveate_estimation::random::Random;
 use foveate_geometry::body::field::ENDLESS;
 use foveate_geometry::body::{BodyTracker, Joint, JointSource, Part, TrackerOptions, VoxelField};
 use foveate_scene::skeleton::SkeletonMotion;
-use foveate_sim::person::{Person, Pose, Told, WholeBody};
+use foveate_sim::person::{Person, Pose, RecordingHints, WholeBody};
 use nalgebra::{Point3, Vector2, Vector3};
 
 mod growth;
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for seed in first..first + people {
         let file = &files[seed as usize % files.len()];
         let motion = SkeletonMotion::from_bvh(&std::fs::read_to_string(file)?)?;
-        let body = Arc::new(WholeBody::new(&motion, Told::default(), [1.6, 1.6])?);
+        let body = Arc::new(WholeBody::new(&motion, RecordingHints::default(), [1.6, 1.6])?);
         let mut random = Random::new(1000 + seed);
         let person = Person::whole(Arc::clone(&body), Vector2::zeros(), &mut random);
         let girth = random.uniform_in(0.9, 1.25);
@@ -166,7 +166,7 @@ struct Score {
     errors: Vec<(Joint, f64)>,
     /// Joint, from the true place to the one found: to the front, to the side that the joint is on, up [m].
     biases: Vec<(Joint, [f64; 3])>,
-    /// Joint, how it came to be, squared error over what is stated, a third of it: 1 where sigmas are right.
+    /// Joint, provenance, and a third of its squared error over the stated covariance: 1 where sigmas are right.
     normalised: Vec<(Joint, JointSource, f64)>,
     /// Of the torso's front from the true one [rad].
     yaws: Vec<f64>,
@@ -257,7 +257,7 @@ impl Score {
         }
     }
 
-    /// Where joints lie beside their true places, in the axes of the true trunk, whichever side they were taken for.
+    /// Offsets of joints from their true places, in the axes of the true trunk, whether or not left and right are exchanged.
     fn add_bias(&mut self, pose: &Pose, tracker: Option<&BodyTracker>) {
         let Some(tracker) = tracker else { return };
         let truth = truth(pose);

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 const BODY: u8 = 255;
 
-/// Cameras around the room, by turns high and low.
+/// Cameras around the room, alternately high and low.
 pub fn ring(n: usize, size: [u32; 2]) -> Vec<Camera> {
     let focal = f64::from(size[0]) * 0.85;
     (0..n)

@@ -1,4 +1,4 @@
-//! What stands still behind the people: the room, its bright spots, and the screens that change.
+//! The static background behind the people: the room, its bright spots, and the screens that change.
 
 use foveate_messages::Time;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
@@ -56,7 +56,7 @@ impl Backdrop {
         Self { still, screens, gain, black_level, n_panes, levels: Vec::with_capacity(n_panes) }
     }
 
-    /// Overwrites `canvas` with the view at `time`, nobody in it.
+    /// Overwrites `canvas` with the view at `time`, without people.
     pub fn draw(&mut self, world: &World, time: Time, canvas: &mut [i16]) {
         canvas.copy_from_slice(&self.still);
         self.levels.clear();
@@ -82,7 +82,7 @@ pub(super) struct MovingBackdrop {
 }
 
 impl MovingBackdrop {
-    /// Overwrites `canvas` with the view of `camera` at `time`, nobody in it.
+    /// Overwrites `canvas` with the view of `camera` at `time`, without people.
     pub fn draw(
         &mut self,
         camera: &TrueCamera,

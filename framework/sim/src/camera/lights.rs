@@ -37,7 +37,7 @@ impl Renderer {
         }
     }
 
-    /// Where the LEDs are seen at `moment` [px], those that nobody hides.
+    /// Image positions of the LEDs at `moment` [px], without those that a person hides.
     fn lights_at(&mut self, world: &World, moment: Time, share: f64) -> Vec<(TargetId, Point2<f64>)> {
         let led_peak = world.settings().led_peak * self.settings.gain * share;
         world.at(moment, &mut self.moment);

@@ -1,5 +1,5 @@
-//! A surface as a camera sees it in the light of a projector: what each pixel sees is found out exactly, and again only when camera or surface have moved, so that
-//! the pictures of a set of patterns cost little more than looking up what the projector shows where.
+//! A surface as a camera sees it in the light of a projector: what each pixel sees is computed exactly, and again only when camera or surface have moved, so that
+//! the pictures of a set of patterns cost little more than a look-up in the projector's picture.
 //!
 //! As with [`super::surface`], each moment of the exposure has its own small shift within the pixel.
 
@@ -33,7 +33,7 @@ struct Seen {
 #[derive(Default)]
 pub(super) struct LitSurface {
     lines: Option<Lines>,
-    /// What it was worked out for.
+    /// What it was computed for.
     views: Vec<(TrueCamera, Arc<Skin>)>,
     area: [std::ops::Range<usize>; 2],
     seen: Vec<Seen>,
@@ -92,7 +92,7 @@ impl LitSurface {
         }
     }
 
-    /// Works out what each pixel sees.
+    /// Computes what each pixel sees.
     fn look(&mut self, part: &Part, views: &[View], beam: Option<&Beam>) {
         let image_size = views[0].camera.image_size;
         let width = image_size[0] as usize;
@@ -165,7 +165,7 @@ impl LitSurface {
     }
 }
 
-/// What one moment is worked out from.
+/// Inputs of one moment.
 struct Sight<'a> {
     lane: usize,
     view: &'a View,
@@ -260,8 +260,8 @@ mod tests {
 
     /// The picture that shows pattern `index` of the first set.
     fn picture(renderer: &mut Renderer, world: &World, projection: &Projection, index: usize) -> Image {
-        let told = projection.told(index as u64).from;
-        let time = Time(told.0 + 38_000_000);
+        let commanded = projection.command(index as u64).from;
+        let time = Time(commanded.0 + 38_000_000);
         let mut image = Image::default();
         renderer.render(world, time, index as u64, &mut image);
         image

@@ -1,7 +1,7 @@
-//! What a camera makes of the world: one field, in gray levels.
+//! Renders the world as a camera sees it: one field, in gray levels.
 //!
 //! Order of events for one field, after the background, which is rendered once where the camera stands still:
-//! monitors → people, dark against the room and in front of all else → LEDs that nobody hides, at several moments of the
+//! monitors → people, dark against the room and in front of all else → LEDs that no person hides, at several moments of the
 //! exposure, and their images in floor and display → glints → noise → rounding and saturation.
 //!
 //! Light is summed in fixed point, 64 steps to a gray level, so that the passes over the whole image are plain 16-bit
@@ -66,10 +66,10 @@ const LIT_MOMENTS: u32 = 4;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSettings {
-    /// When it looks, what its clock says, when its fields arrive.
+    /// Capture times, clock and delivery of its fields.
     #[serde(flatten)]
     pub timing: TimingSettings,
-    /// How long light is gathered; what moves is smeared [ms].
+    /// Exposure time; what moves is smeared [ms].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub exposure_ms: f64,
     /// Moments of the exposure at which LEDs and a painted face (it at 4 or more) are drawn, each with its share of the light [–].
@@ -78,33 +78,33 @@ pub struct CameraSettings {
     /// Iris and amplifier: multiplies all light [–].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub gain: f64,
-    /// What a pixel without light reads [gray level].
+    /// Black level: gray level of a pixel without light [gray level].
     #[schemars(range(min = 0.0, max = 128.0))]
     pub black_level: f64,
     /// Light of the room relative to that of the LEDs: below 1 the lab is dimmed [–].
     #[schemars(range(min = 0.0, max = 4.0))]
     pub room_light: f64,
-    /// Standard deviation of a LED's spot along a row; along a column it is that divided by the pixels' aspect [px].
+    /// Standard deviation of a LED's spot along a row; along a column divided by the pixels' aspect [px].
     #[schemars(range(min = 0.3, max = 20.0))]
     pub spot_sigma_px: f64,
     /// Height of the halo around a LED, six times as wide as its spot, relative to the spot: very bright LEDs bloom [–].
     #[schemars(range(min = 0.0, max = 0.5))]
     pub bloom: f64,
-    /// Standard deviation of the noise, drawn anew for each pixel and field [gray level].
+    /// Standard deviation of the noise, drawn for each pixel and field [gray level].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub noise_sigma: f64,
     /// Resolution of the digitiser: 8 gives 256 gray levels [bit].
     #[schemars(range(min = 1, max = 8))]
     pub bits: u32,
-    /// Whether pictures are in colour, of a `studio`: red, green, blue. Without a studio all is gray [–].
+    /// Whether pictures of a `studio` are in colour: red, green, blue. Without a studio all is gray [–].
     pub colour: bool,
     /// Standard deviation of the blur of the lens, in pictures of a `studio` [px].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub blur_px: f64,
     /// Faults of a real lens, a real sensor and real lamps, `{}` for those of an industrial camera. Left out: none [–].
     pub sensor: Option<SensorSettings>,
-    /// The camera belongs to a framework that is carried about, and has its place in that framework's own space. Where the origin of that space is while the
-    /// framework stands still, to be calibrated, with its axes along the world's. Left out: the camera's place is one in the world [m].
+    /// The camera belongs to a framework that is carried about, and has its place in that framework's own space: the origin of that space while the
+    /// framework stands still to be calibrated, with its axes along the world's. Left out: the camera's place is in the world [m].
     pub stand_m: Option<[f64; 3]>,
     /// A dark board before the cameras for a while, in a `studio`. Left out: none [–].
     pub board: Option<BoardSettings>,
@@ -206,7 +206,7 @@ impl Renderer {
         }
     }
 
-    /// From now on the surfaces whose shape is looked for, a bust or a painted face, are seen in the light of this projector, too; nothing else is.
+    /// From now on this projector lights the surfaces that are measured, a bust or a painted face, and nothing else.
     pub fn light_with(&mut self, projection: &Projection, world: &World) {
         self.beam = Some(Beam::new(projection, world));
     }

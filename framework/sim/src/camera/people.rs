@@ -1,4 +1,4 @@
-//! The truth about a picture of the studio: whom each pixel's middle sees, and where people hold up light.
+//! The truth about a picture of the studio: which person the centre of each pixel sees, and where people block light.
 
 use std::sync::{Arc, OnceLock};
 
@@ -18,12 +18,12 @@ const SHADOW: f32 = 0.9;
 #[derive(Default)]
 pub(crate) struct PeopleView {
     lines: Option<Lines>,
-    /// Row by row: 0 nobody, otherwise the number of the person plus 1.
+    /// Row by row: 0 no person, otherwise the number of the person plus 1.
     pub seen: Vec<u8>,
-    /// Who is there, and when.
+    /// The people present, and when.
     things: Vec<(usize, Arc<Posed>)>,
     time: Time,
-    /// Worked out when it is asked for.
+    /// Computed on first use.
     lighting: OnceLock<Arc<Lighting>>,
     width: usize,
     eye: Point3<f64>,
@@ -72,7 +72,7 @@ impl PeopleView {
         self.things = things;
     }
 
-    /// Whether people hold up some of the light on the part of the room that a pixel sees behind them.
+    /// Whether people block some of the light on the part of the room that a pixel sees behind them.
     pub fn is_shaded(&self, studio: &Studio, column: usize, row: usize) -> bool {
         let Some(lines) = &self.lines else { return false };
         let lighting = self.lighting.get_or_init(|| studio.lighting(self.time, 0.0, &self.things));

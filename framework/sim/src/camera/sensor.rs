@@ -71,8 +71,8 @@ pub struct SensorSettings {
     /// 0: all rows at once [ms].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub readout_ms: f64,
-    /// Whether the lines of every other field lie between those of the one before, as with television's cameras. A rig is not told: its camera has the
-    /// lines of one field, in the middle between the two, so that lights go up and down by a quarter of a line [–].
+    /// Whether the lines of every other field lie between those of the one before, as with television's cameras. The rig does not know: its camera has the
+    /// lines of one field, in the middle between the two, so that lights move up and down by a quarter of a line [–].
     pub interlaced: bool,
     /// Quality with which each picture is packed as JPEG, as webcams do (MJPG): blocks and edges that ring; 0: not packed [–].
     #[schemars(range(max = 100))]

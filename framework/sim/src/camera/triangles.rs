@@ -24,7 +24,7 @@ pub(super) struct Corner {
     pub shine: [f32; LANES],
 }
 
-/// What a pixel shows at each moment: depth and light lie next to each other, for both are asked for at once.
+/// What a pixel shows at each moment: depth and light lie next to each other, since both are read together.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pixel {
     /// [m]; infinite where nothing was drawn.

@@ -1,4 +1,4 @@
-//! What a camera makes of a simulated wall: one field, in gray levels, or in those of three planes.
+//! Renders a simulated wall as a camera sees it: one field, in gray levels, or in those of three planes.
 //!
 //! Which point of the wall each pixel sees is tabulated where the camera stands, at the corners of blocks and between them along straight lines. Order of events: the
 //! wall's own picture, display by display, as bright as it shines → windows, or the board → red spots or the dot, no brighter than the wall can be → spots of pointers at several
@@ -25,10 +25,10 @@ const BLOCK: usize = 8;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct WallCameraSettings {
-    /// When it looks, what its clock says, when its fields arrive.
+    /// Capture times, clock and delivery of its fields.
     #[serde(flatten)]
     pub timing: TimingSettings,
-    /// How long light is gathered; what moves is smeared [ms].
+    /// Exposure time; what moves is smeared [ms].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub exposure_ms: f64,
     /// Moments of the exposure at which spots of pointers are drawn [–].
@@ -37,13 +37,13 @@ pub struct WallCameraSettings {
     /// Iris and amplifier: multiplies all light [–].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub gain: f64,
-    /// What a pixel without light reads [gray level].
+    /// Black level: gray level of a pixel without light [gray level].
     #[schemars(range(min = 0.0, max = 128.0))]
     pub black_level: f64,
     /// Blur of the lens, standard deviation [px].
     #[schemars(range(min = 0.3, max = 20.0))]
     pub blur_px: f64,
-    /// Standard deviation of the noise, drawn anew for each pixel and field [gray level].
+    /// Standard deviation of the noise, drawn for each pixel and field [gray level].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub noise_sigma: f64,
     /// Whether its pictures are gray, as through a filter that passes red, or have red, green and blue planes [–].
@@ -53,7 +53,7 @@ pub struct WallCameraSettings {
     pub balance_percent: f64,
 }
 
-/// What the pixels of a wall's camera tell.
+/// What the pixels of a wall's camera measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum WallFormat {

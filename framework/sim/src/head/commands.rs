@@ -1,4 +1,4 @@
-//! What becomes of commands: taken into a socket or refused, begun, replaced, completed or cancelled.
+//! Execution of commands: accepted into a socket or refused, begun, replaced, completed or cancelled.
 
 use foveate_messages::{Interval, Time};
 

@@ -1,7 +1,7 @@
 //! A head that is reached over UDP: VISCA over IP as Sony's manuals describe it (SRG-300H).
 //!
-//! Each datagram has a header of eight bytes: kind, length, sequence number; a reply carries the number of what it answers, and goes to whom
-//! it answers. A number that is not above the last one of the same controller is refused, so that a datagram that was sent twice is done once.
+//! Each datagram has a header of eight bytes: kind, length, sequence number; a reply carries the number of what it answers, and goes to its
+//! sender. A number that is not above the last one of the same controller is refused, so that a datagram that was sent twice is done once.
 //!
 //! | a datagram | is answered |
 //! |---|---|
@@ -39,7 +39,7 @@ const CONTROLLERS: usize = 64;
 #[derive(Debug, Clone)]
 pub struct NetworkHead {
     head: Head,
-    /// The last number of each controller, the one heard last at the end.
+    /// The last number of each controller, the most recent controller at the end.
     last: VecDeque<(Option<SocketAddr>, u32)>,
     replies: VecDeque<(Option<SocketAddr>, Vec<u8>)>,
 }

@@ -225,7 +225,7 @@ impl Head {
         }
     }
 
-    /// The head keeps address 1, whatever it is told.
+    /// The head keeps address 1, whatever address it is given.
     pub(super) fn fix_address(&mut self) {
         self.is_address_fixed = true;
     }
@@ -248,7 +248,7 @@ impl Head {
         self.outbox.pop_front()
     }
 
-    /// Power goes and comes back: commands are forgotten, the motors find their middle, the controller is told.
+    /// Power goes and comes back: commands are forgotten, the motors find their middle, the controller is notified.
     pub fn power_cycle(&mut self) {
         self.forget();
         self.inbox.clear();

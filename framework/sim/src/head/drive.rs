@@ -15,13 +15,13 @@ use foveate_estimation::random::Random;
 use super::mechanics::{Goal, TICK_S};
 use super::settings::{AxisSettings, MotorSettings};
 
-/// Of the greatest torque, what braking is planned with: the rest is for what goes wrong [–].
+/// Part of the greatest torque with which braking is planned: the rest is a reserve for errors [–].
 const BRAKES_WITH: f64 = 0.7;
 /// How quickly the inner loop makes up for a speed that is missing, relative to the outer one [–].
 const INNER: f64 = 4.0;
 /// How quickly its sum does, relative to itself [–].
 const SUM: f64 = 0.25;
-/// What stands needs so much more to get going than what slides [–].
+/// Static friction relative to sliding friction [–].
 const STICKS: f64 = 1.5;
 /// This near to its goal the drive lets go, and friction holds it [units].
 const LETS_GO: f64 = 0.4;

@@ -28,7 +28,7 @@ pub(super) const TICK_S: f64 = 1e-3;
 /// This near to its goal a motor is there [units].
 const THERE: f64 = 0.01;
 
-/// What an axis is told.
+/// A command to an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Goal {
     /// Go there [units], at most at this speed [units/s].
@@ -173,7 +173,7 @@ pub(super) struct Zoom {
     waiting: VecDeque<(Time, ZoomGoal)>,
 }
 
-/// What a zoom is told.
+/// A command to a zoom.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum ZoomGoal {
     /// Go there [units].
@@ -189,7 +189,7 @@ impl Zoom {
         Zoom { position: ends[0], goal: ends[0], units_per_s, waiting: VecDeque::new() }
     }
 
-    /// From `at` on this is the goal; what it is told comes in the order of its times.
+    /// From `at` on this is the goal; commands come in the order of their times.
     pub(super) fn order(&mut self, at: Time, goal: ZoomGoal) {
         self.waiting.push_back((at, goal));
     }

@@ -1,6 +1,6 @@
-//! A pan-tilt head that is not there: a Sony EVI-D30 down to the bytes on its line [Davis 2002 chapter 4].
+//! A simulated pan-tilt head: a Sony EVI-D30 down to the bytes on its line [Davis 2002 chapter 4].
 //!
-//! It shares no code with the driver in `plugins/pan_tilt`: the bytes are read and written here anew from the manuals, so that
+//! It shares no code with the driver in `plugins/pan_tilt`: the bytes are read and written here independently, from the manuals, so that
 //! the two check each other.
 //!
 //! | module | what it holds |
@@ -10,8 +10,8 @@
 //! | `drive` | motors that are not ideal: limited jerk, friction, play, a zero that wanders |
 //! | `words` | the bytes of packets, read and written |
 //! | [`device`] | the program inside the head: messages in, answers out |
-//! | `commands` | what becomes of commands: sockets, acknowledgements, completions |
-//! | `picture` | what can be told about the picture, and is remembered only |
+//! | `commands` | execution of commands: sockets, acknowledgements, completions |
+//! | `picture` | commands about the picture, which are stored only |
 //! | `track` | where it looked, for a while back |
 //! | [`line`](mod@line) | the serial line: time of each byte, noise, unplugging |
 //! | [`datagrams`] | VISCA over IP |

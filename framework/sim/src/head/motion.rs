@@ -1,7 +1,7 @@
 //! A simulated head in a rig: a line for its driver, and where the camera on it stands.
 //!
-//! Line and motion are two handles to one head on the logical clock of the run. Only the driver's line lets the head live on; who asks for its motion at a
-//! later time looks at a copy that has lived until then. What a driver writes moves nothing before the head's reaction time is over, so that up to this long
+//! Line and motion are two handles to one head on the logical clock of the run. Only the driver's line advances the head; a query of its motion at a
+//! later time uses a copy that was advanced until then. What a driver writes moves nothing before the head's reaction time is over, so that up to this long
 //! after the last write the copy moves as the head will: pictures may be drawn so far ahead of the driver, on another thread, with the same bytes.
 
 use std::ops::Range;
@@ -24,9 +24,9 @@ use crate::truth::TrueCamera;
 pub struct LineFaults {
     /// It is pulled out: nothing arrives at either end.
     pub unplugged: Option<Range<Time>>,
-    /// The head says nothing, and does what it is told.
+    /// The head answers nothing, and executes commands.
     pub silent: Option<Range<Time>>,
-    /// This share of the bytes is changed on both ways.
+    /// This share of the bytes is changed in both directions.
     pub garbage: Option<(Range<Time>, f64)>,
 }
 

@@ -1,4 +1,4 @@
-//! What a camera can be told about its picture: white balance, exposure, gain, effects.
+//! Commands of a camera about its picture: white balance, exposure, gain, effects.
 //!
 //! The simulated head takes these commands, remembers them, and answers when asked; no picture changes. The list holds what the EVI-D30 and its
 //! successors (EVI-D70, EVI-D100) know, in the form of their command lists, so that clients that were written for any of them find what they expect.
@@ -76,7 +76,7 @@ pub(super) enum Change {
     Reset(usize),
     Up(usize),
     Down(usize),
-    /// White balance and focus, once, now: leaves nothing behind that could be asked for.
+    /// White balance and focus, once, now: leaves no value that an inquiry could read.
     Once,
 }
 

@@ -19,8 +19,8 @@ fn since(start: Instant) -> Time {
 
 /// A socket for a head at `address`; port 0: any free one. Two heads never share one.
 ///
-/// Clients on the same machine may take the same port at another address of it, as some do (`visca-over-ip` hears answers to inquiries at the
-/// head's own port of all addresses): such a client and a head at 127.0.0.2, say, get along.
+/// Clients on the same machine may take the same port at another address of it, as some do (`visca-over-ip` receives answers to inquiries at the
+/// head's own port of all addresses): such a client works with a head at 127.0.0.2, say.
 ///
 /// # Errors
 /// What the system reports.

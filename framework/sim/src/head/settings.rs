@@ -12,13 +12,13 @@ pub struct HeadSettings {
     pub pan: PanSettings,
     /// Up and down, positive up [–].
     pub tilt: TiltSettings,
-    /// How fast both axes get faster and slower; no manual says for the EVI-D30 [°/s²].
+    /// Acceleration of both axes; no manual says for the EVI-D30 [°/s²].
     #[schemars(range(min = 1.0, max = 100_000.0))]
     pub acceleration_deg_per_s2: f64,
-    /// At which the camera on the motors swings when they stop ([Davis 2002 §4.3] saw it, without figures); 0: it is rigid [Hz].
+    /// Frequency at which the camera swings on the motors when they stop ([Davis 2002 §4.3] saw it, without figures); 0: it is rigid [Hz].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub vibration_hz: f64,
-    /// How soon that dies away, as a part of the critical damping [–].
+    /// Damping of that oscillation, as a part of the critical damping [–].
     #[schemars(range(min = 0.01, max = 1.0))]
     pub vibration_damping: f64,
     /// What drives the axes. Left out: motors that follow their orders exactly, within speed and acceleration [–].
@@ -26,7 +26,7 @@ pub struct HeadSettings {
     /// From the acknowledgement of a move to its first step, at least: [Davis 2002 §4.4] found 250 ms and more [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_ms: f64,
-    /// What comes on top, drawn evenly from 0 to this for each move; moves keep their order [ms].
+    /// Additional random delay, uniform from 0 to this, for each move; moves keep their order [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_jitter_ms: f64,
     /// From when a message is looked at until motors and zoom feel anything of it, a stop too, at least; no manual says. Two fields: one to look at it, one
@@ -56,13 +56,13 @@ pub struct HeadSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotorSettings {
-    /// In which time the torque rises from none to that of `acceleration_deg_per_s2`, so that the jerk is limited [ms].
+    /// Time in which the torque rises from none to that of `acceleration_deg_per_s2`, so that the jerk is limited [ms].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub rise_ms: f64,
-    /// How quickly the control of its position makes up for what is missing: speed wanted over way left [1/s].
+    /// Gain of the position loop: commanded speed over remaining distance [1/s].
     #[schemars(range(min = 1.0, max = 100.0))]
     pub position_gain_per_s: f64,
-    /// Friction of what slides, as a part of the greatest torque; what stands holds half as much again [–].
+    /// Sliding friction, as a part of the greatest torque; static friction is half as much again [–].
     #[schemars(range(min = 0.0, max = 0.5))]
     pub friction: f64,
     /// Friction that grows with the speed: at the greatest speed, as a part of the greatest torque [–].
@@ -71,10 +71,10 @@ pub struct MotorSettings {
     /// Play between the motor, which is counted, and the camera, from end to end [°].
     #[schemars(range(min = 0.0, max = 5.0))]
     pub backlash_deg: f64,
-    /// How far the counter's zero wanders from where it was, standard deviation [°].
+    /// Drift of the counter's zero, standard deviation [°].
     #[schemars(range(min = 0.0, max = 5.0))]
     pub zero_drift_deg: f64,
-    /// In about which time it does so [s].
+    /// Time constant of that drift [s].
     #[schemars(range(min = 1.0, max = 100_000.0))]
     pub zero_drift_s: f64,
 }
@@ -158,7 +158,7 @@ pub struct LineSettings {
     /// Bits a second; a byte is ten of them [1/s].
     #[schemars(range(min = 300.0, max = 1_000_000.0))]
     pub baud: f64,
-    /// Share of the bytes that get lost, on both ways [–].
+    /// Share of the bytes that get lost, in both directions [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub lost: f64,
     /// Share of the bytes of which one bit is turned over [–].
@@ -176,10 +176,10 @@ pub struct NetworkSettings {
     /// How long a datagram takes one way, at least [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub delay_ms: f64,
-    /// What comes on top, drawn evenly from 0 to this for each, so that datagrams may overtake each other [ms].
+    /// Additional random delay, uniform from 0 to this, for each, so that datagrams may overtake each other [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub delay_jitter_ms: f64,
-    /// Share of the datagrams that get lost, on both ways [–].
+    /// Share of the datagrams that get lost, in both directions [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub lost: f64,
     /// Share of the bytes of which one bit is turned over [–].

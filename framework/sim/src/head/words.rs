@@ -32,7 +32,7 @@ pub(super) enum Order {
     /// −1 wide, 0 stop, 1 tele.
     ZoomDrive(i8),
     FocusAuto(bool),
-    /// By itself if it was by hand, and the other way round.
+    /// Toggles between automatic and manual.
     FocusToggle,
     FocusTo(u16),
     /// −1 far, 0 stop, 1 near.

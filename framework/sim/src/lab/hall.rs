@@ -4,7 +4,7 @@
 //! each part of it is seen from many sides however many cameras there are.
 
 use foveate_geometry::{Camera, Distortion};
-use foveate_scene::calibration::{Calibration, CalibrationError, LengthUnit, NamedCamera};
+use foveate_scene::{Calibration, CalibrationError, LengthUnit, NamedCamera};
 use nalgebra::Point3;
 
 use super::FIELD_SIZE;

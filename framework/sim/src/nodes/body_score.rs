@@ -14,10 +14,10 @@ ports! {
 }
 
 figures! {
-    "joint_mm.{median,p95}": mm, low, "Distance of head, neck, shoulders, elbows, hips and knees of a skeleton from those of its person, over all that skeletons state, predicted and filled ones too; people without a skeleton are left out";
+    "joint_mm.{median,p95}": mm, low, "Distance of head, neck, shoulders, elbows, hips and knees of a skeleton from those of its person, over all that skeletons state, predicted and filled ones too; people without a skeleton are left out" => "joints off the truth";
     "end_mm.{median,p95}": mm, low, "The same of wrists and ankles, which lie within the model's last parts";
     "joint.*.mm.median": mm, low, "The same of one joint";
-    "head_right": share, high, "People wholly in the volume whose skeleton's head is within head_right_mm, over all of them and all messages";
+    "head_right": share, high, "People wholly in the volume whose skeleton's head is within head_right_mm, over all of them and all messages" => "heads found where they are";
     "head_wrong": share, low, "The same with a skeleton whose head is farther off";
     "parts_found_s": s, low, "From the first message with a person wholly in the volume until their skeleton has all ten parts, median over people; missing if half of them never have";
     "joints_missing": share, low, "Joints of people wholly in the volume that no skeleton states, over all of them and all messages";
@@ -26,26 +26,26 @@ figures! {
     "sides_swapped": share, low, "Skeletons whose left side is nearer to the person's right one, over all with a person";
     "bodies_false": count, low, "Skeletons without a person within half a metre, over all messages";
     "wrist_speed.max": "m/s", neither, "Speed of the fastest true wrist between two messages";
-    "joint_normalised": ratio, neither, "Mean squared error of joints over the covariance that they state, a degree of freedom: 1 for honest ones";
+    "joint_normalised": ratio, neither, "Mean squared error of joints over their stated covariance, per degree of freedom: 1 is consistent";
 }
 
 /// Settings of [`BodyScore`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodyScoreSettings {
-    /// A head so near to the true one is right [mm]
+    /// A head within this distance of the true one is right [mm]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub head_right_mm: f64,
     /// A joint farther from the true one is lost [mm]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub lost_mm: f64,
-    /// once it has been so far off for so long [ms]
+    /// once it has been that far off for this long [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub lost_ms: f64,
     /// Wrists above this are fast [m/s]
     #[schemars(range(min = 0.1, max = 20.0))]
     pub fast_m_s: f64,
-    /// What happens before this session time is not scored [s]
+    /// Session time at which scoring begins [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
 }

@@ -21,7 +21,7 @@ ports! {
     IMAGE: Out<Image> = "image";
 }
 
-/// With `light` connected, the surfaces whose shape is looked for are seen in that projector's light, too. With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
+/// With `light` connected, that projector lights the surfaces that are measured. With `head` connected it stands on that head: the calibration's camera is the camera at rest, and field k shows the world as the turned
 /// camera sees it, its LEDs smeared by the head's motion too. Field k is exposed around its capture time, stamped with what the camera's clock then shows, and delivered later: see
 /// [`Timing`]. Its pixels depend on the rig's seed, the camera and k alone.
 pub struct SimCamera {
@@ -49,7 +49,7 @@ struct Scene {
 impl Node for SimCamera {
     const TYPE: &'static str = "sim.camera";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A camera in a simulated world: fields with LEDs, clutter, noise, in its own time";
+    const SUMMARY: &'static str = "A simulated camera: video fields with LEDs, clutter and noise, on its own clock";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = CameraSettings;
 

@@ -26,10 +26,10 @@ ports! {
 }
 
 figures! {
-    "depth_mm.{median,p95}": mm, low, "Distance of points from the true surface along the true line of sight of their pixel at the time of their cloud, over all clouds; where that just misses the surface, against the triangle that a neighbouring pixel sees; points that are wrong count, points of pixels that see no surface are left out";
+    "depth_mm.{median,p95}": mm, low, "Distance of points from the true surface along the true line of sight of their pixel at the time of their cloud, over all clouds; where that just misses the surface, against the triangle that a neighbouring pixel sees; points that are wrong count, points of pixels that see no surface are left out" => "depth error";
     "depth_bias_mm": mm, neither, "Median of the same with its sign: above 0, points lie behind the surface";
-    "coverage": share, high, "Pixels that see a part of the surface which the projector lights, within near_px of a point in the projector's picture, over all such pixels and clouds";
-    "wrong_per_10000": ratio, low, "Points farther than wrong_mm from the true surface, or of pixels that do not see it and have no neighbour that does, for 10000 points";
+    "coverage": share, high, "Pixels that see a part of the surface which the projector lights, within near_px of a point in the projector's picture, over all such pixels and clouds" => "part covered of what could be seen";
+    "wrong_per_10000": ratio, low, "Points farther than wrong_mm from the true surface, or of pixels that do not see it and have no neighbour that does, for 10000 points" => "wrong points in 10,000";
     "clouds": count, high, "Clouds that were compared";
     "cloud_points": count, neither, "Points of these";
     "pixel_mm": mm, neither, "Distance between neighbouring pixels' lines of sight on the surface, median";
@@ -47,13 +47,13 @@ pub struct CloudScoreSettings {
     /// A point farther than this from the surface is wrong [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub wrong_mm: f64,
-    /// The surface is covered where a point is at most so far away in the projector's picture [px]
+    /// The surface is covered where a point is at most this far away in the projector's picture [px]
     #[schemars(range(min = 0.1, max = 100.0))]
     pub near_px: f64,
     /// Clouds of earlier times are not scored [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
-    /// Whether what each cloud is like is saved as `clouds.csv` [–]
+    /// Whether the figures of each cloud are saved as `clouds.csv` [–]
     pub write: bool,
 }
 

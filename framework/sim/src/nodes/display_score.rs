@@ -1,4 +1,4 @@
-//! Where a display draws what is behind it, and where the true eyes would have to see it.
+//! Compares where a display draws points behind it with where the true eyes should see them.
 
 use foveate_estimation::random::Random;
 use foveate_estimation::statistics::percentile;
@@ -19,7 +19,7 @@ ports! {
 }
 
 figures! {
-    "display_px.{median,p95}": px, low, "Distance on a tile between where a point behind it is drawn and where the true eye should see it, when people see the picture: mean over points, eyes and tiles, over all messages";
+    "display_px.{median,p95}": px, low, "Distance on a tile between where a point behind it is drawn and where the true eye should see it, when people see the picture: mean over points, eyes and tiles, over all messages" => "drawn off where the eyes need it";
     "display_px.{median,p95}[unpredicted]": px, low, "The same of the views at `unpredicted`";
     "display_px.{median,p95}[velocity]": px, low, "The same of the views at `velocity`";
     "display_scored": count, neither, "Messages of views that were scored, since start_s";
@@ -34,7 +34,7 @@ const PLACES: [[f64; 2]; 4] = [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisplayScoreSettings {
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// How far the true corners of the tiles are from where the rig has them, standard deviation on each axis [mm]
@@ -48,7 +48,7 @@ impl Default for DisplayScoreSettings {
     }
 }
 
-/// Holds views against true eyes and true tiles.
+/// Compares views with true eyes and true tiles.
 pub struct DisplayScore {
     settings: DisplayScoreSettings,
     random: Random,
@@ -63,7 +63,7 @@ impl Node for DisplayScore {
     const TYPE: &'static str = "sim.display_score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "How far a head-tracked display draws things from where the true eyes should see them";
+        "Measures how far a head-tracked display draws things from where the eyes should see them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = DisplayScoreSettings;
 

@@ -13,10 +13,10 @@ figures! {
     "camera.clock_drift_ppm.*": ppm, neither, "Truth: by how much the camera's clock runs faster than the session's";
 }
 
-/// A camera whose delivery is this late gives up on the fields that it could not make [s].
+/// A camera whose delivery is this late skips the fields that it could not make [s].
 const PATIENCE_S: f64 = 0.1;
 
-/// The camera of the calibration that a node stands for.
+/// The camera of the calibration that a node simulates.
 pub(super) fn own_camera(setup: &Setup) -> Result<(CameraId, &Camera), ConfigError> {
     setup.camera.zip(setup.camera_model()).ok_or_else(|| {
         ConfigError::node("found no camera, expected `each` or `camera` to name cameras of the calibration")
@@ -28,7 +28,7 @@ pub(super) struct Fields {
     pub timing: Timing,
     /// Of the camera.
     name: String,
-    /// True capture time of the last field that was asked for.
+    /// True capture time of the last requested field.
     last: Time,
     /// Whether the turn at the start of the session was taken.
     is_up: bool,
@@ -39,7 +39,7 @@ impl Fields {
         Fields { timing, name: name.unwrap_or_default().to_owned(), last: Time::ZERO, is_up: false }
     }
 
-    /// When the next field is due; a turn before the first one, in which the world arrives, is asked for at the start.
+    /// When the next field is due; an activation before the first one, in which the world arrives, is requested at the start.
     pub fn due(&mut self) -> Due {
         Due::At(if self.is_up { self.timing.next_delivery() } else { Time::ZERO })
     }
@@ -65,7 +65,7 @@ impl Fields {
         None
     }
 
-    /// Says of a field that the world it shows is not there.
+    /// Declares a field missing since its world has not arrived.
     pub fn without_world<T: Message>(io: &mut Io<'_>, port: &Out<T>, stamp: Time) {
         io.gap(port, stamp, "the simulated world has not arrived yet");
     }

@@ -14,7 +14,7 @@ ports! {
 }
 
 figures! {
-    "sim_head.buffer_full.*": count, low, "Messages that the simulated head refused since its buffer was full";
+    "sim_head.buffer_full.*": count, low, "Messages that the simulated head refused because its buffer was full";
 }
 
 /// How a head is reached.
@@ -45,7 +45,7 @@ pub struct SimHeadSettings {
     pub axes: Option<AxesSettings>,
     /// From when until when its line is pulled out [s].
     pub unplugged_s: Option<[f64; 2]>,
-    /// From when until when it says nothing, and still does what it is told [s].
+    /// From when until when it answers nothing, and still executes commands [s].
     pub silent_s: Option<[f64; 2]>,
     /// From when until when the line turns bits over [s].
     pub garbage_s: Option<[f64; 2]>,
@@ -80,7 +80,7 @@ pub struct SimHead {
 impl Node for SimHead {
     const TYPE: &'static str = "sim.head";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A simulated pan-tilt head: mechanics, VISCA, its line, and faults on demand";
+    const SUMMARY: &'static str = "A simulated pan-tilt head: mechanics, VISCA, serial line, and faults on demand";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SimHeadSettings;
 

@@ -1,4 +1,4 @@
-//! How well heads stay on a target, and how well it is known where they look: against the truth.
+//! How well heads keep a target centred, and how accurate their stated poses are: against the truth.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -31,8 +31,8 @@ ports! {
 }
 
 figures! {
-    "off_centre_px.{mean,median,p95}([*])": px, low, "Distance of the true target from the middle of the image, over the pictures of the cameras `of`; with [CAMERA] of that one";
-    "in_view([*])": share, high, "Those of these pictures that have the target within their borders";
+    "off_centre_px.{mean,median,p95}([*])": px, low, "Distance of the true target from the middle of the image, over the pictures of the cameras `of`; with [CAMERA] of that one" => "target off the middle of the picture";
+    "in_view([*])": share, high, "Those of these pictures that have the target within their borders" => "pictures with the target in view";
     "pictures([*])": count, neither, "Pictures that were scored, since start_s";
     "head_pose_px.{median,p95}([*])": px, low, "Distance of where the stated pose sees the target from where it truly is, in pictures that have it";
     "head_pose_deg.rms([*])": deg, low, "Angle between the stated and the true line of sight, over all stated poses";
@@ -50,7 +50,7 @@ pub struct HeadScoreSettings {
     pub target: u32,
     /// The cameras whose figures are those of the run, by name, `*` for any characters; the others are compared with [–].
     pub of: String,
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// Whether each picture's figures are saved as `heads.csv`, and a picture of them as `heads.svg` [–].
@@ -79,7 +79,7 @@ impl Node for HeadScore {
     const TYPE: &'static str = "sim.head_score";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "How far a target is from the middle of the pictures of simulated heads, and how well their poses are known";
+        "Measures how far targets are from the centres of head pictures, and errors of head poses";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = HeadScoreSettings;
 

@@ -8,7 +8,7 @@ use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Pool, Ports, Rep
 use foveate_scene::skeleton::SkeletonMotion;
 
 use crate::painted::{FaceSettings, FaceSource, PartKind, RecordedHead};
-use crate::person::{RecordedBody, Told, WholeBody};
+use crate::person::{RecordedBody, RecordingHints, WholeBody};
 use crate::studio::{ArmSettings, StudioSettings};
 use crate::truth::Truth;
 use crate::world::{
@@ -32,7 +32,7 @@ const MOST_ON_A_ROUND: usize = 4;
 /// another one if the person has been away.
 pub struct Lab {
     world: World,
-    /// What is to be said of where face and bodies come from.
+    /// Remarks on where face and bodies come from.
     remarks: Vec<String>,
     /// What the true cameras are, and where that is written.
     cameras: Option<(String, PathBuf)>,
@@ -44,7 +44,7 @@ pub struct Lab {
 impl Node for Lab {
     const TYPE: &'static str = "sim.lab";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "A simulated lab: people with LEDs, clutter, and the truth about the LEDs";
+    const SUMMARY: &'static str = "A simulated lab: people with LEDs, clutter, and the true positions of the LEDs";
     type Settings = SceneSettings;
 
     fn ports() -> Ports {
@@ -149,7 +149,7 @@ impl Node for Lab {
         if let Some(body) = body {
             ConfigError::unless_in("body.unit_m", body.unit_m, 0.0..=1000.0)?;
             if body.motion == BodyMotion::Whole && walk != WalkKind::Round {
-                let message = "found `whole`, whose people go their own ways, expected `limbs` with this `walk`";
+                let message = "found `whole`, whose people follow the recorded path, expected `limbs` with this `walk`";
                 return Err(ConfigError::at("body.motion", message));
             }
         }
@@ -272,8 +272,8 @@ fn read_bodies(scene: &SceneSettings, setup: &Setup) -> Result<(Vec<Body>, Optio
         bodies.push(match body.motion {
             BodyMotion::Limbs => Body::Limbs(Arc::new(RecordedBody::new(&motion).map_err(fault)?)),
             BodyMotion::Whole => {
-                let told = Told { unit_m: Some(body.unit_m).filter(|it| *it > 0.0), up: body.up.axis() };
-                let whole = WholeBody::new(&motion, told, scene.part_of_area_m()).map_err(fault)?;
+                let hints = RecordingHints { unit_m: Some(body.unit_m).filter(|it| *it > 0.0), up: body.up.axis() };
+                let whole = WholeBody::new(&motion, hints, scene.part_of_area_m()).map_err(fault)?;
                 words += &format!(" ({})", whole.notes().join("; "));
                 Body::Whole(Arc::new(whole))
             }
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn without_recordings_the_face_is_the_built_in_one_and_the_user_is_told() {
+    fn without_recordings_the_face_is_the_built_in_one_and_the_user_learns_it() {
         let face = |data: &str| FaceSettings { data: data.to_owned(), ..FaceSettings::default() };
         for data in ["no such folder", "${NO_SUCH_VARIABLE}"] {
             let settings = SceneSettings { face: Some(face(data)), ..SceneSettings::default() };

@@ -26,17 +26,17 @@ ports! {
     FEATURES: Out<Features> = "features";
 }
 
-/// A mark of which a guide says that it is here has that name if it truly is no farther from there [px].
+/// A mark takes the name that a guide states for a place if it truly lies within this distance of it [px].
 const NEAR_PX: f64 = 4.0;
 
 /// Settings of [`SimMarkObserver`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MarkObserverSettings {
-    /// When it looks, what its clock says, when its features arrive.
+    /// Capture times, clock and delivery of its features.
     #[serde(flatten)]
     pub timing: TimingSettings,
-    /// Marks are seen in the middle of an exposure that lasts so long, as in pictures of a `sim.camera` that has it too [ms].
+    /// Exposure time, as of a `sim.camera`: marks are seen at its middle [ms].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub exposure_ms: f64,
     /// Standard deviation of a mark's place, stated as it is [px].

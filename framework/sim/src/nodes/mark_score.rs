@@ -31,26 +31,26 @@ ports! {
 }
 
 figures! {
-    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there";
+    "pair_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of the distance of two marks from its mean, over the 60 pairs, 15 to 80 mm apart, whose true distance changes least [Davis 2002 Fig. 64]; with [compared] of the marks that come in there" => "pairs of marks that keep their distance, off their mean";
     "group_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of distances from their means within four marks, one and the three nearest to it, whose true distances change least: the six pairs below the eye of [Davis 2002 §5.5]";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
-    "marks_extra([compared])": count, low, "Labels that are no true mark at all";
-    "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: none of the other figures counts them";
+    "marks_extra([compared])": count, low, "Labels without a true mark";
+    "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: no other figure counts them";
     "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
     "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
-    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world";
-    "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off";
+    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world" => "all marks off the truth, in the world";
+    "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off" => "filled marks off the truth";
     "filled_in_view_mm.{median,p95}": mm, low, "The same of those filled marks that two cameras or more could see, from 72° off their normal at most: marks that were not found, rather than hidden";
     "filled_in_view": count, low, "Filled samples of marks that two cameras or more could see, over all frames";
     "filled_sigmas.rms": sigmas, neither, "Error of filled marks in their stated standard deviations; 1: as large as stated";
     "filled_sigmas.{sure_half,vague_half}": sigmas, neither, "The same of the half of them with the smaller stated standard deviations, and of the other half";
     "filled": count, neither, "Filled samples that were compared, over all frames";
-    "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled";
+    "frames_with_all_marks": share, high, "Frames with every true mark, measured or filled" => "frames with every mark, measured or filled";
     "frames_with_all_measured": share, high, "Frames with every true mark measured";
     "frames_out_of_distribution": share, low, "Frames whose out-of-distribution score is above 0.5";
     "marks_found": count, neither, "Marks that pictures reported under the label of a true mark";
-    "marks_false_positives": count, low, "Of these, those farther than wrong_px from where their mark truly is";
+    "marks_false_positives": count, low, "Of these, those farther than wrong_px from where their mark truly is" => "marks reported where they are not";
     "marks_false_positives.per_10000": ratio, low, "The same for 10000 marks found";
     "mark_px.{median,p95}": px, low, "Distance of the other marks found from where they truly are";
 }
@@ -69,7 +69,7 @@ const MOMENTS: usize = 16;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MarkScoreSettings {
-    /// What happens before this session time is not scored, such as the capture of the model; it counts for who is who [s].
+    /// Session time at which scoring begins, such as after the capture of the model; earlier samples still count for the matching of labels [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
     /// A mark reported in a picture farther than this from where it truly is was reported wrongly: a third of the distance between marks [px].
@@ -85,7 +85,7 @@ impl Default for MarkScoreSettings {
     }
 }
 
-/// Compares marks with those truly painted on somebody in a simulated world. Which true mark a label stands for is found out by where it mostly is.
+/// Compares marks with those truly painted on a person in a simulated world. Each label is matched to the true mark that it is mostly closest to.
 ///
 /// What it reports: the figures declared for `sim.mark_score`.
 pub struct MarkScore {
@@ -107,7 +107,7 @@ pub struct MarkScore {
 impl Node for MarkScore {
     const TYPE: &'static str = "sim.mark_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, what was filled in";
+    const SUMMARY: &'static str = "Compares painted marks with the truth: distances, identities, filled-in marks";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = MarkScoreSettings;
 
@@ -183,7 +183,7 @@ impl Node for MarkScore {
         if let Some(sentence) = self.warmup.remark(self.settings.start_s) {
             report.remark(format!("marks: {sentence}"));
         } else if names.is_empty() {
-            report.remark("No mark was recovered, or nobody with painted marks was there: nothing was scored.");
+            report.remark("No mark was recovered, or no person with painted marks was there: nothing was scored.");
         }
         self.marks.report_distances(&names, "", report);
         if self.compared != MarkTrack::default() {

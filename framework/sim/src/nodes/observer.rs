@@ -33,8 +33,7 @@ pub struct SimObserver {
 impl Node for SimObserver {
     const TYPE: &'static str = "sim.observer";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "An ideal detector in a simulated world: features with noise, misses and clutter, no pictures";
+    const SUMMARY: &'static str = "An ideal LED detector in the simulated lab: noise, misses and clutter, no pictures";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = ObserverSettings;
 

@@ -1,4 +1,4 @@
-//! How well bodies are bent: the directions of limbs and the angles of joints, against the truth.
+//! How well postures are recovered: the directions of limbs and the angles of joints, against the truth.
 
 use foveate_estimation::statistics::percentile;
 use foveate_messages::{BODY_JOINTS, Skeleton, Skeletons};
@@ -16,10 +16,10 @@ ports! {
 }
 
 figures! {
-    "joint_deg.{median,p95}": deg, low, "Difference of the angle at an elbow or knee from the true one, over those that skeletons have both bones of, and all messages";
+    "joint_deg.{median,p95}": deg, low, "Difference of the angle at an elbow or knee from the true one, over those that skeletons have both bones of, and all messages" => "elbows and knees off the truth";
     "bone_deg.{median,p95}": deg, low, "Angle between an upper arm, forearm, thigh or shank of a skeleton and the true one, over the same";
     "joint_off_mm.{median,p95}": mm, low, "Distance of shoulders, elbows, wrists, hips, knees and ankles from the true ones, over the same";
-    "postures.missing": share, low, "Messages without a skeleton, over all messages while somebody, or the arm, is there";
+    "postures.missing": share, low, "Messages without a skeleton, over all messages while a person, or the arm, is there";
 }
 
 /// The three joints of each limb, by their places in [`BODY_JOINTS`].
@@ -29,7 +29,7 @@ const LIMBS: [[usize; 3]; 4] = [[2, 4, 6], [3, 5, 7], [8, 10, 12], [9, 11, 13]];
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PostureScoreSettings {
-    /// What happens before this session time is not scored [s]
+    /// Session time at which scoring begins [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
 }

@@ -1,4 +1,4 @@
-//! A simulated projector as a source: the light that it throws into the world, and what it is told to show.
+//! A simulated projector as a source: its light in the world, and the pictures that it is commanded to show.
 
 use foveate_messages::PatternShown;
 use foveate_node::{ConfigError, Due, Io, Node, NodeError, Plan, Ports, Role, Setup, Time, ports};
@@ -10,7 +10,7 @@ ports! {
     SHOWN: Out<PatternShown> = "shown";
 }
 
-/// Gives its light once, at time 0, before any camera looks, and says of each picture when it is told to show it, at that time; the light comes later by the
+/// Emits its light once, at time 0, before any camera looks, and for each picture a message at the time of its command; the light comes later by the
 /// projector's latency. It stands in the calibration like a camera, which `camera` names.
 pub struct SimProjector {
     projection: Projection,
@@ -23,8 +23,7 @@ pub struct SimProjector {
 impl Node for SimProjector {
     const TYPE: &'static str = "sim.projector";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "A simulated projector: shows sets of striped patterns, with gamma, blur and a latency";
+    const SUMMARY: &'static str = "A simulated projector: shows striped patterns, with gamma, blur and latency";
     type Settings = ProjectorSettings;
 
     fn ports() -> Ports {
@@ -50,28 +49,28 @@ impl Node for SimProjector {
         if !std::mem::replace(&mut self.is_up, true) {
             io.emit_at(&LIGHT, Time::ZERO, self.projection.clone());
         }
-        let told = self.projection.told(self.next);
-        if told.from > io.now() {
+        let command = self.projection.command(self.next);
+        if command.from > io.now() {
             return Ok(());
         }
         self.next += 1;
         let pictures = self.projection.pictures();
         let shown = PatternShown {
             projector: self.projection.id(),
-            set: told.set,
-            index: told.index as u32,
+            set: command.set,
+            index: command.index as u32,
             count: pictures.len() as u32,
-            name: pictures[told.index].to_string(),
-            from: told.from,
+            name: pictures[command.index].to_string(),
+            from: command.from,
             lasts: self.projection.period(),
             manifest: self.manifest.clone(),
         };
-        io.emit_at(&SHOWN, told.from, shown);
+        io.emit_at(&SHOWN, command.from, shown);
         Ok(())
     }
 
     fn due(&mut self) -> Due {
-        Due::At(if self.is_up { self.projection.told(self.next).from } else { Time::ZERO })
+        Due::At(if self.is_up { self.projection.command(self.next).from } else { Time::ZERO })
     }
 
     fn plan(settings: &ProjectorSettings) -> Plan {

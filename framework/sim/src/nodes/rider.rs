@@ -1,4 +1,4 @@
-//! An ideal detector on a rig that rides with somebody: the cameras of a scale whose space moves.
+//! An ideal detector on a rig that a person carries: the cameras of a scale whose space moves.
 
 use foveate_geometry::Camera;
 use foveate_messages::{Features, TargetId, Targets};
@@ -46,14 +46,14 @@ pub enum Carrier {
     RightWrist,
 }
 
-/// Who carries the cameras, and how well they see.
+/// The carrier of the cameras, and how well they see.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RiderSettings {
-    /// When it looks, what its clock says, when its features arrive.
+    /// Capture times, clock and delivery of its features.
     #[serde(flatten)]
     pub timing: TimingSettings,
-    /// Who carries the cameras, counted from 0; while that person is away they see nothing [–].
+    /// The person who carries the cameras, counted from 0; while that person is away they see nothing [–].
     #[schemars(range(min = 0, max = 31))]
     pub person: u32,
     /// The light of that person that they ride on [–].
@@ -79,7 +79,7 @@ impl Default for RiderSettings {
 
 /// A camera and its detector in one, on a light framework that one light of a person carries about: it moves with that light and keeps the
 /// world's axes, so that the calibration's camera stands in a space whose origin that light is. Lights shine all around,
-/// and nothing hides them. What carries it is known to the simulation only: a rig has to find out with its scale's anchor.
+/// and nothing hides them. Only the simulation knows the carrier: a rig has to find it with its scale's anchor.
 pub struct SimRider {
     observer: Observer,
     fields: Fields,
@@ -110,8 +110,7 @@ impl SimRider {
 impl Node for SimRider {
     const TYPE: &'static str = "sim.rider";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "An ideal detector on a rig of cameras that one light of a simulated person carries about";
+    const SUMMARY: &'static str = "An ideal LED detector for cameras that move with one light of a simulated person";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = RiderSettings;
 

@@ -17,25 +17,25 @@ ports! {
 }
 
 figures! {
-    "(*.)error_mm.{median,p95,rms}": mm, low, "Distance of a target from its true light at the same time, over all pairs within gate_mm and the volume";
-    "(*.)error_sigmas.rms": sigmas, neither, "Errors of targets over what their covariances state, for each axis: 1 is ideal, above it they are too sure";
-    "(*.)gospa_mm.mean": mm, low, "GOSPA (p = 2, α = 2, cut-off gate_mm): errors, misses and false targets in one number, mean over messages, 0 where nobody is there and nobody is found, and over the times at which none came";
+    "(*.)error_mm.{median,p95,rms}": mm, low, "Distance of a target from its true light at the same time, over all pairs within gate_mm and the volume" => "targets off the truth";
+    "(*.)error_sigmas.rms": sigmas, neither, "Errors of targets over their stated standard deviations, for each axis: 1 is ideal, above 1 the tracker is overconfident";
+    "(*.)gospa_mm.mean": mm, low, "GOSPA (p = 2, α = 2, cut-off gate_mm): errors, misses and false targets in one number, mean over messages, 0 where no target is there and none is found, and over the times at which none came";
     "(*.)mota": ratio, high, "MOTA (CLEAR MOT): 1 less missed lights, false and double targets and changes of identity, over true lights; may fall below 0";
     "(*.)idf1": share, high, "IDF1: targets whose identity is that of their light, each light and each identity having one partner for the whole run; harmonic mean of precision and recall";
     "(*.)hota": share, high, "HOTA: geometric mean of how many lights are found and of how long the identities of those that are found last; mean over 19 distances within gate_mm";
-    "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume";
+    "(*.)completeness": share, high, "Samples of the truth after which, before the next one, their light was matched; in the volume" => "part of the truth that is covered";
     "(*.)missed": share, low, "True lights in the volume without a target, over all scored messages and where none came though they should have";
     "(*.)false_targets": count, low, "Targets farther than gate_mm from any true light, mean over scored messages";
-    "(*.)duplicates": count, low, "Targets left over though a true light is within gate_mm, mean over scored messages";
+    "(*.)duplicates": count, low, "Unmatched targets with a true light within gate_mm, mean over scored messages";
     "(*.)id_switches": count, low, "Times that a light was matched to an identity that another light had last";
     "(*.)reinitialisations": count, low, "Times that a light was matched to a new identity after it had had another one";
-    "(*.)identities_per_target": ratio, low, "Identities over true lights that were ever found; 1 is ideal";
+    "(*.)identities_per_target": ratio, low, "Identities over true lights that were ever found; 1 is ideal" => "identities a light (1 is right)";
     "(*.)time_to_initiation_ms.median": ms, low, "From the first truth of a light in the volume to its first target; lights never found are left out";
     "(*.)targets_unborn": count, low, "True lights that were never matched, though in the volume at some time";
     "(*.)targets_true": count, neither, "True lights that were in the volume at some time since start_s";
     "(*.)identities": count, neither, "Identities of targets that were ever matched to a light";
     "(*.)scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
-    "(*.)unscored_messages": count, low, "Messages since start_s whose time the truth did not cover, or that waited for it too long";
+    "(*.)unscored_messages": count, low, "Messages since start_s outside the time span of the truth, or that waited for it too long";
 }
 
 /// Name of the file with the truth in the folder for results.
@@ -45,13 +45,13 @@ const TRUTH_FILE: &str = "truth.csv";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScoreSettings {
-    /// A recovered target farther from the truth than this is not that target [mm].
+    /// Gate: a recovered target farther from a true one than this is not matched to it [mm].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub gate_mm: f64,
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
-    /// Word before the names of the figures, as in `whole.error_mm.median`, to tell several scores of one rig apart; empty: none [–].
+    /// Prefix of the figures' names, as in `whole.error_mm.median`, to distinguish several scores of one rig; empty: none [–].
     pub label: String,
     /// Whether the truth is saved as `truth.csv` in the folder for results [–].
     pub write_truth: bool,
@@ -123,7 +123,7 @@ impl Node for Score {
     }
 }
 
-/// `truth.csv`. An error ends the writing, not the scoring, and is told at the end.
+/// `truth.csv`. An error ends the writing, not the scoring, and is reported at the end.
 struct TruthFile {
     path: Option<PathBuf>,
     state: State,

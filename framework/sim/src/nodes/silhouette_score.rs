@@ -1,4 +1,4 @@
-//! How well people are told from the background: silhouettes against the truth of the simulated studio.
+//! How well people are segmented from the background: silhouettes against the truth of the simulated studio.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,14 +23,14 @@ ports! {
 }
 
 figures! {
-    "silhouette.iou.{median,worst}": share, high, "Pixels that are body both truly and in the silhouette, over pixels that are in either, one value a silhouette of at least least_px true pixels; those that say themselves that they are not to be used are left out";
+    "silhouette.iou.{median,worst}": share, high, "Pixels that are body both truly and in the silhouette, over pixels that are in either, one value a silhouette of at least least_px true pixels; those that are marked as not to be used are left out" => "silhouettes: intersection over union with the truth";
     "silhouette.missed": share, low, "Body's true pixels that the silhouettes lack, over all true ones of the same silhouettes";
     "silhouette.extra": share, low, "Pixels of these silhouettes that are not body, over all true ones";
-    "silhouette.shadow": share, low, "Those of them on which people hold up a tenth of the light or more: shadows taken for body, over all true pixels";
+    "silhouette.shadow": share, low, "Those of them where people block a tenth of the light or more: shadows taken for body, over all true pixels";
     "silhouette.holes": share, low, "True pixels with true ones 3 px to all four sides that the silhouettes lack, over all such pixels";
-    "silhouette.nobody_px": px, low, "Median of the pixels of silhouettes in which nobody truly is";
+    "silhouette.nobody_px": px, low, "Median of the pixels of silhouettes without a true person";
     "silhouette.pictures": count, neither, "Silhouettes that were compared";
-    "silhouette.unusable": count, low, "Silhouettes that say themselves that they are not to be used: left out of all of these";
+    "silhouette.unusable": count, low, "Silhouettes that are marked as not to be used: left out of all of these";
 }
 
 /// Settings of [`SilhouetteScore`].
@@ -50,13 +50,13 @@ impl Default for SilhouetteScoreSettings {
     }
 }
 
-/// Compares silhouettes with whom each pixel's middle truly sees at their time.
+/// Compares silhouettes with what the centre of each pixel truly sees at their time.
 pub struct SilhouetteScore {
     settings: SilhouetteScoreSettings,
     calibration: Arc<Calibration>,
     views: BTreeMap<CameraId, PeopleView>,
     overlaps: Vec<Overlap>,
-    /// Pixels of silhouettes in which nobody is.
+    /// Pixels of silhouettes without a person.
     of_nobody: Vec<f64>,
     n_unusable: usize,
 }
@@ -125,7 +125,7 @@ impl Node for SilhouetteScore {
             report.figure("silhouette.nobody_px", pixels);
         }
         if self.overlaps.is_empty() {
-            report.remark("No silhouette of anybody was compared.");
+            report.remark("No silhouette of a person was compared.");
             return Ok(());
         }
         let ratios: Vec<f64> = self.overlaps.iter().map(Overlap::intersection_over_union).collect();

@@ -22,12 +22,12 @@ ports! {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SilhouettesSettings {
-    /// When it looks, what its clock says, when its silhouettes arrive.
+    /// Capture times, clock and delivery of its silhouettes.
     #[serde(flatten)]
     pub timing: TimingSettings,
 }
 
-/// Whom the middle of each pixel of its camera sees at the capture time, all people of the `studio` as one. With `head` connected it stands on that head.
+/// What the centre of each pixel of its camera sees at the capture time: background or a person of the `studio`, all people as one. With `head` connected it stands on that head.
 pub struct SimSilhouettes {
     name: Option<String>,
     id: foveate_messages::CameraId,

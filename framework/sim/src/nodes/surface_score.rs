@@ -24,13 +24,13 @@ ports! {
 }
 
 figures! {
-    "surface.depth_mm.{median,p95}": mm, low, "Distance of the last surface's vertices from the nearest point of the true surface, as it lay at the surface's time; vertices that are wrong are left out";
+    "surface.depth_mm.{median,p95}": mm, low, "Distance of the last surface's vertices from the nearest point of the true surface, as it lay at the surface's time; vertices that are wrong are left out" => "surface off the truth";
     "surface.depth_bias_mm": mm, neither, "Median of the same with its sign: above 0, vertices lie outside";
-    "surface.normalised": ratio, neither, "Median distance over 0.6745 of the sigma that each vertex states: 1 where it is right; errors that all clouds share are in no vertex's sigma";
-    "surface.complete": share, high, "Places of the true surface (one a cubic millimetre) that the camera of any joined cloud saw lit, within near_mm of a vertex, over all such places";
+    "surface.normalised": ratio, neither, "Median distance over 0.6745 of each vertex's stated sigma: 1 is consistent; the sigmas do not include errors common to all clouds";
+    "surface.complete": share, high, "Places of the true surface (one a cubic millimetre) that the camera of any joined cloud saw lit, within near_mm of a vertex, over all such places" => "part of the true surface that is covered";
     "surface.wrong_per_10000": ratio, low, "Vertices farther than wrong_mm from the true surface, for 10000";
     "surface.drift_mm.{median,max}": mm, low, "How far the middle of a joined cloud lies from where the first one would have it on the thing, by the poses that registration gave and the true ones";
-    "surface.pose_normalised": ratio, neither, "Mean squared error of these poses over their covariances, a degree of freedom: 1 for honest ones; errors of the first cloud's own camera pose come on top";
+    "surface.pose_normalised": ratio, neither, "Mean squared error of these poses over their covariances, per degree of freedom: 1 is consistent; errors of the first cloud's own camera pose come on top";
 }
 
 /// Settings of [`SurfaceScore`].
@@ -40,7 +40,7 @@ pub struct SurfaceScoreSettings {
     /// A vertex farther than this from the surface is wrong [mm]
     #[schemars(range(min = 0.1, max = 100.0))]
     pub wrong_mm: f64,
-    /// A place of the surface is there where a vertex is at most so far away [mm]
+    /// A place of the surface is covered where a vertex is at most this far away [mm]
     #[schemars(range(min = 0.1, max = 100.0))]
     pub near_mm: f64,
 }
@@ -64,8 +64,7 @@ pub struct SurfaceScore {
 impl Node for SurfaceScore {
     const TYPE: &'static str = "sim.surface_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Compares a joined surface with the true one: depth, completeness, drift of its clouds";
+    const SUMMARY: &'static str = "Compares a fused surface with the true one: depth, completeness, drift";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceScoreSettings;
 

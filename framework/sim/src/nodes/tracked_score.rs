@@ -1,4 +1,4 @@
-//! How well points of a surface are measured and followed: against where each point of skin or cloth truly is.
+//! How well points of a surface are measured and tracked: against where each point of skin or cloth truly is.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,11 +20,11 @@ ports! {
 }
 
 figures! {
-    "surface_mm.{median,p95}": mm, low, "Distance of points from the true surface, over all points of all moments; points farther than reach_mm from any surface count as that far";
-    "drift_mm.{median,p95}": mm, low, "Distance of a point from where the place of the surface that it was first measured at truly is now, over all samples but the first of trajectories";
-    "wrong_trajectories": share, low, "Trajectories of two samples or more of which some sample is farther than wrong_mm from there, over all of these";
+    "surface_mm.{median,p95}": mm, low, "Distance of points from the true surface, over all points of all moments; points farther than reach_mm from any surface count as that far" => "points off the true surface";
+    "drift_mm.{median,p95}": mm, low, "Distance of a point from where the place of the surface that it was first measured at truly is now, over all samples but the first of trajectories" => "points off where their first place has gone";
+    "wrong_trajectories": share, low, "Trajectories of two samples or more of which some sample is farther than wrong_mm from there, over all of these" => "wrong trajectories";
     "wrong_points": share, low, "Points farther than wrong_mm from the true surface, over all points of all moments";
-    "coverage": share, high, "Of the vertices of the true surface that two cameras or more see within facing_deg of straight on, those within near_mm of a point, over all moments; that something else may stand before them is left out";
+    "coverage": share, high, "Of the vertices of the true surface that two cameras or more see within facing_deg of straight on, those within near_mm of a point, over all moments; that something else may stand before them is left out" => "part covered of what could be seen";
     "normal_deg.median": deg, low, "Angle between a point's normal and that of the true surface there; points without one are left out";
     "speed_px.{median,p95}": px, neither, "How far the true places of tracked points move from moment to moment in the pictures of the first camera that sees them";
     "trajectories.scored": count, neither, "Trajectories of two samples or more";
@@ -37,10 +37,10 @@ pub struct TrackedScoreSettings {
     /// A sample farther than this from the truth is wrong [mm]
     #[schemars(range(min = 0.001, max = 1000.0))]
     pub wrong_mm: f64,
-    /// How far around a point the true surface is looked for [mm]
+    /// How far around a point the true surface is searched [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub reach_mm: f64,
-    /// A vertex of the true surface is covered by a point at most so far away [mm]
+    /// A vertex of the true surface is covered by a point at most this far away [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub near_mm: f64,
     /// A camera sees a vertex well from within this angle of its normal [°]
@@ -81,7 +81,7 @@ pub struct TrackedScore {
 impl Node for TrackedScore {
     const TYPE: &'static str = "sim.tracked_score";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares tracked points of a surface with where skin and cloth truly are";
+    const SUMMARY: &'static str = "Compares tracked surface points with the true points of skin and cloth";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackedScoreSettings;
 

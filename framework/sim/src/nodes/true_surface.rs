@@ -1,4 +1,4 @@
-//! Perfect tracking as a source: points of skin and cloth where they truly are, with noise, and joints as somebody clicks them.
+//! Perfect tracking as a source: points of skin and cloth where they truly are, with noise, and joints as a person clicks them.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ figures! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrueSurfaceSettings {
-    /// How often it gives points out [Hz]
+    /// Rate at which it emits points [Hz]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub rate_hz: f64,
     /// Points on all surfaces, seen or not [–]
@@ -44,7 +44,7 @@ pub struct TrueSurfaceSettings {
     /// Part of the points that are wrong, each by up to a decimetre along each axis [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub wrong: f64,
-    /// A camera sees a point within this angle of its normal; what stands between them is not asked [°]
+    /// A camera sees a point within this angle of its normal; occlusion is ignored [°]
     #[schemars(range(min = 1.0, max = 90.0))]
     pub facing_deg: f64,
     /// How far each joint is clicked off, in a direction of its own [mm]
@@ -72,7 +72,7 @@ pub struct TrueSurface {
 impl Node for TrueSurface {
     const TYPE: &'static str = "sim.true_surface";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str = "Points of the simulated skin and cloth where they truly are, without pictures";
+    const SUMMARY: &'static str = "True positions of points on simulated skin and cloth, without pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrueSurfaceSettings;
 

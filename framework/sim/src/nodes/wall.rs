@@ -17,7 +17,7 @@ ports! {
 const TRUTH_FILE: &str = "truth.calibration.toml";
 
 /// Gives the wall once, at time 0. Then, `truth_hz` times a second, the spots of pointers as they are (`truth`: the identity is the number of the press), and what the
-/// wall is told to show that is small and bright (`shown`: dots, corners of the board or red spots by their number, whose covariance is their extent): it appears later by the display's latency.
+/// wall is commanded to show that is small and bright (`shown`: dots, corners of the board or red spots by their number, whose covariance is their extent): it appears later by the display's latency.
 pub struct SimWall {
     wall: Wall,
     stated: Option<(String, std::path::PathBuf)>,
@@ -28,8 +28,7 @@ pub struct SimWall {
 impl Node for SimWall {
     const TYPE: &'static str = "sim.wall";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "A simulated wall of displays: contents that move, and the spots of people's laser pointers";
+    const SUMMARY: &'static str = "A simulated wall of displays with moving contents and the spots of laser pointers";
     type Settings = WallSettings;
 
     fn ports() -> Ports {
@@ -65,7 +64,7 @@ impl Node for SimWall {
         truth.list.sort_by_key(|it| it.id);
         io.emit_at(&TRUTH, time, truth);
         let mut shown = Targets { time, list: Vec::new() };
-        self.wall.told(time, |number, light| {
+        self.wall.commanded(time, |number, light| {
             let mut covariance = Matrix6::zeros();
             covariance.fixed_view_mut::<2, 2>(0, 0).fill_diagonal(light.sigma * light.sigma);
             shown.list.push(Target {

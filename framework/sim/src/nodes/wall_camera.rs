@@ -31,7 +31,7 @@ impl Node for SimWallCamera {
     const TYPE: &'static str = "sim.wall_camera";
     const ROLE: Role = Role::Source;
     const SUMMARY: &'static str =
-        "A camera that looks at a simulated wall: fields with its contents and spots of pointers, in its own time";
+        "A simulated camera before the wall: video fields with contents and spots, on its own clock";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = WallCameraSettings;
 

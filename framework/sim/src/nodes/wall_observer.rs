@@ -25,7 +25,7 @@ const FIELDS: u64 = 0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct WallObserverSettings {
-    /// When it looks, what its clock says, when its features arrive.
+    /// Capture times, clock and delivery of its features.
     #[serde(flatten)]
     pub timing: TimingSettings,
     /// Standard deviation of a feature along each axis; stated as it is with each feature [px].
@@ -64,8 +64,7 @@ pub struct SimWallObserver {
 impl Node for SimWallObserver {
     const TYPE: &'static str = "sim.wall_observer";
     const ROLE: Role = Role::Source;
-    const SUMMARY: &'static str =
-        "An ideal detector before a simulated wall: features with noise and misses, no pictures";
+    const SUMMARY: &'static str = "An ideal spot detector before the simulated wall: noise and misses, no pictures";
     const FIGURES: Figures = CLOCK_FIGURES;
     type Settings = WallObserverSettings;
 

@@ -18,14 +18,14 @@ ports! {
 }
 
 figures! {
-    "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm";
+    "wall_px.{median,p95}": px, low, "Distance of a measured target from the true spot at the same time, in pixels of the wall, over all pairs within gate_mm" => "pointers off the truth, in pixels of the wall";
     "border_px.{median,p95}": px, low, "The same over the samples whose true spot is within 12 px of the edge of a camera's picture";
-    "predicted_px.{median,p95}": px, low, "The same over targets that the message's own camera did not see, carried on to its time";
+    "predicted_px.{median,p95}": px, low, "The same over targets that the message's own camera did not see, extrapolated to its time";
     "presses": count, neither, "Times that a spot appeared on the wall, from beside it too, and stayed for 50 ms or more";
-    "missed_presses": count, low, "Those of them without any target";
+    "missed_presses": count, low, "Those of them without any target" => "presses missed";
     "false_strokes": count, low, "Identities that were never near a true spot";
     "id_switches": count, low, "Times that a press was matched to an identity that another press had last";
-    "broken_strokes": count, low, "Times that a press was matched to a new identity after it had had another one";
+    "broken_strokes": count, low, "Times that a press was matched to a new identity after it had had another one" => "strokes broken in two";
     "crossings": count, neither, "Times that the spots of two users came within 12 mm of each other";
     "press_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first with its target; capture times, delivery apart";
     "release_ms.median": ms, low, "From the last message before a spot vanished to the last with its target";
@@ -34,10 +34,10 @@ figures! {
     "user_wrong_samples": "–", low, "Share of the targets with a user in which it was wrong at that time";
     "user_ms.{median,p95}": ms, low, "From the first message after a spot appeared to the first in which its target had a user";
     "identity_kept": "–", high, "Share of the presses with a target whose identity at the end was that at the beginning; missing where no users are connected";
-    "press_events_missed": count, low, "Presses, as above, that no event told; missing, as those below, where no events are connected";
+    "press_events_missed": count, low, "Presses, as above, without an event; missing, as those below, where no events are connected";
     "press_events_doubled": count, low, "Events of a press for presses that had one already";
     "press_events_false": count, low, "Events of a press where no true spot was within gate_mm at their time";
-    "release_event_ms.{median,p95}": ms, low, "From the last message in which a spot was there to the time that its release was told to be of, without its sign";
+    "release_event_ms.{median,p95}": ms, low, "From the last message in which a spot was there to the stated time of its release, without its sign";
     "scored_messages": count, neither, "Messages of targets that were compared with the truth; none before start_s";
 }
 
@@ -48,10 +48,10 @@ const PICTURE: &str = "wall_strokes.svg";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct WallScoreSettings {
-    /// A recovered target farther from a true spot than this is not that spot [mm].
+    /// Gate: a recovered target farther from a true spot than this is not matched to it [mm].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub gate_mm: f64,
-    /// What happens before this session time is not scored [s].
+    /// Session time at which scoring begins [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
 }

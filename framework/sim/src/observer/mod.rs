@@ -1,8 +1,8 @@
 //! An ideal detector: the features of one camera straight from the world, without a picture.
 //!
-//! Order of events for one field: lights that shine towards the camera, lie in its view and that nobody hides → those by chance
+//! Order of events for one field: lights that shine towards the camera, lie in its view and are not hidden by a person → those by chance
 //! hidden or missed taken out → lights that would be one spot joined → noise → clutter. A field depends on its time and on the seed
-//! alone, so fields may be asked for in any order.
+//! alone, so fields may be requested in any order.
 //!
 //! Covariances are honest: the noise's own, and for joined lights the scatter of what was joined as well, so that each of
 //! these lights lies within what is stated.

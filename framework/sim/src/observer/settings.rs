@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use crate::bump::BumpSettings;
 use crate::timing::TimingSettings;
 
-/// When an observer looks, and how well it sees.
+/// Timing and accuracy of an observer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ObserverSettings {
-    /// When it looks, what its clock says, when its features arrive.
+    /// Capture times, clock and delivery of its features.
     #[serde(flatten)]
     pub timing: TimingSettings,
     /// Standard deviation of a feature along a row; along a column it is that divided by the pixels' aspect. Stated as it is

@@ -67,7 +67,7 @@ pub(crate) struct Drive {
     phases: [[f64; 2]; 8],
     speech: [f64; 4],
     blink: f64,
-    /// What was recorded of somebody, if there is such a thing.
+    /// Recorded curves of a person, if there are any.
     curves: Option<Curves>,
 }
 

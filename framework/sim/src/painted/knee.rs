@@ -155,8 +155,8 @@ pub(super) fn beside(part: usize, body: BodyPart) -> BodyPart {
     }
 }
 
-/// Spots of the first `n` marks: nine rows of five, as uneven as painted by hand. An even grid looks the same when it is shifted by one row, and nobody could
-/// tell its marks apart.
+/// Spots of the first `n` marks: nine rows of five, as uneven as painted by hand. An even grid looks the same when it is shifted by one row, so that its marks
+/// could not be distinguished.
 pub(super) fn spots(surface: &Surface, n: usize) -> Vec<Spot> {
     let rows = (0..9).flat_map(|row| [0.0, 21.0, -21.0, 40.0, -40.0].map(|y| [y, 82.0 - 20.0 * f64::from(row)]));
     let mut hand = Random::new(45);

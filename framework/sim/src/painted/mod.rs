@@ -260,7 +260,7 @@ impl Part {
         }
     }
 
-    /// What the surface looks like, painted when it is first asked for.
+    /// What the surface looks like, painted on first use.
     pub fn texture(&self) -> &Texture {
         let Painter { size, marks, albedo } = &self.painter;
         self.texture.get_or_init(|| texture::paint(&self.surface, *size, marks, |p, material| albedo.at(p, material)))

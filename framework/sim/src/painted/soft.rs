@@ -5,7 +5,7 @@
 //! | here | after |
 //! |---|---|
 //! | swings | a mass on a damped spring at each point, whose base is carried: x̂ = g ∗ x with ĝ(s) = (2ζω s + ω²) / (s² + 2ζω s + ω²), of place and turn of the parts and of the weights of all modes |
-//! | sags | by g/ω² against the shape at rest, which is that of somebody upright |
+//! | sags | by g/ω² against the shape at rest, which is that of an upright person |
 //! | is dragged | skin of the jaw by that of the neck, when the head turns on the trunk |
 //! | slides | what pulls along the skin meets friction: of a pull of t there is t² / (t + t₀) left; into the bone goes half of what goes outwards |
 //! | bulges | its volume stays: a layer of thickness h over an area that is J times as large as at rest is h / J thick |
@@ -28,7 +28,7 @@ const GRAVITY: f64 = 9.806_65;
 const SAMPLES: f64 = 8.0;
 /// What is left of a swing where its past ends [–].
 const ENDS: f64 = 0.01;
-/// Who is farther away one sample earlier was put there: a recording began again [m].
+/// A larger step between two samples is a jump: a recording began again [m].
 const LEAP_M: f64 = 0.5;
 /// How much a layer may be pushed together or stretched before it is as hard as bone, by area [–].
 const AREAS: [f64; 2] = [0.6, 1.6];
@@ -40,10 +40,10 @@ pub struct SoftSettings {
     /// How much of what carries it soft skin follows late; 1: cheeks by 0.6, calves by 0.4 of it, a forehead by 0.06 [–].
     #[schemars(range(min = 0.0, max = 1.5))]
     pub amount: f64,
-    /// At which it swings [Hz].
+    /// Frequency at which it swings [Hz].
     #[schemars(range(min = 1.0, max = 30.0))]
     pub frequency_hz: f64,
-    /// How soon that dies away, as a part of the critical damping [–].
+    /// Damping of that swing, as a part of the critical damping [–].
     #[schemars(range(min = 0.1, max = 0.95))]
     pub damping: f64,
     /// Friction of skin on what lies below: of a pull of so much along the skin half is left [mm].

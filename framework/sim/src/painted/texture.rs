@@ -81,7 +81,7 @@ impl Paint {
 const BAND: usize = 32;
 
 /// Paints a texture of `size` (columns, rows): `albedo` tells what is at a point of the rest shape [m], for each material. Bands of rows
-/// are dealt out to all cores; each row is the same whoever paints it.
+/// are distributed over all cores; each row is the same whichever core paints it.
 pub(super) fn paint(
     surface: &Surface,
     [width, height]: [usize; 2],

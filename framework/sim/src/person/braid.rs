@@ -34,9 +34,9 @@ const MOST_SPARE: usize = 4;
 /// Points of a path that are looked at, at least: on the whole of it, and between one place and the next.
 const SAMPLES: usize = 960;
 const SAMPLES_A_SLOT: usize = 24;
-/// Nobody slows down to less than this share of the mean speed.
+/// Least speed of a person, as a share of the mean speed.
 const SLOWEST: f64 = 0.3;
-/// Nobody turns by more than this in a metre [rad/m].
+/// Largest turn of a person in a metre [rad/m].
 const SHARPEST: f64 = 3.5;
 
 /// A path and how many places it has.

@@ -1,4 +1,4 @@
-//! What of a recording is repeated, and where on the floor, so that nothing jumps and the body stays within an area.
+//! Which part of a recording is repeated, and where on the floor, so that nothing jumps and the body stays within an area.
 //!
 //! **Laps.** The longest stretch of a recording is taken whose end is like its beginning; its last quarter of a second is blended into what led up to the beginning, steps and turns
 //! included. One lap then moves the body by a motion L of the floor. If L turns by 2π j/K, the K-th lap ends where the first began, and no sooner: so the turn that L lacks is added evenly
@@ -242,7 +242,7 @@ impl Course {
         Some(Self { rate_hz, coefficients: coefficients(&samples, kind), kind, headings })
     }
 
-    /// Times at which laps begin, or time turns round [s], of somebody who begins at the beginning.
+    /// Times at which laps begin, or the direction of time reverses [s], for a person who starts at the beginning.
     #[cfg(test)]
     pub fn seams_s(&self) -> Vec<f64> {
         match self.kind {

@@ -1,4 +1,4 @@
-//! A body by the places of its joints, whoever moved it: where its LEDs sit and what may hide them.
+//! A body by the places of its joints, whatever the source of the motion: where its LEDs sit and what may hide them.
 //!
 //! A LED that is strapped to a limb turns with the limb; the parts between the joints are those of the built-in body, as large as the person is.
 

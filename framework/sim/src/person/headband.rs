@@ -19,7 +19,7 @@ const EYE_SIGMA: f64 = 0.0018;
 const LIGHT_SIGMA: f64 = 0.002;
 const TURN_SIGMA: f64 = 0.02;
 
-/// A band as somebody wears it.
+/// A band as a person wears it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Headband {
     lights: [Point3<f64>; N_ON_HEADBAND],

@@ -1,11 +1,11 @@
-//! The joints of a recorded skeleton that a body asks for, whatever the file calls them.
+//! Finds the joints that a body needs in a recorded skeleton, under the names in common use.
 //!
 //! Names are compared without what stands before a `:`, without case and marks between letters. A side stands in front (`LeftKnee`, `lShldr`, `Bip01 L Calf`) or
 //! behind (`calf_l`). Where a skeleton has both a collar bone and an upper arm the names tell which is which: with `LeftArm`, `LeftShoulder` is the collar.
 
 use foveate_scene::skeleton::SkeletonMotion;
 
-/// Joints that are asked for.
+/// The joints that are needed.
 pub(super) const N_JOINTS: usize = 13;
 /// Place of the head among them; before it hips, knees, ankles, shoulders, elbows and wrists, the left one first each time.
 pub(super) const HEAD: usize = 12;

@@ -36,7 +36,7 @@ pub use skeleton::{JOINT_NAMES, Joints, N_JOINT_CENTRES};
 pub use stage::COME_S;
 use stage::Stage;
 use walk::Walk;
-pub use whole::{Told, WholeBody};
+pub use whole::{RecordingHints, WholeBody};
 
 /// How many LEDs a person wears.
 pub const N_LEDS: usize = 8;

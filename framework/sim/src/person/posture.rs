@@ -1,4 +1,4 @@
-//! How a body is bent at one time, whatever bends it: the built-in gait or a recording.
+//! The posture of a body at one time, from the built-in gait or a recording.
 
 use nalgebra::Vector3;
 

@@ -48,7 +48,7 @@ type Channels = SVector<f64, N_CHANNELS>;
 pub struct RecordedBody {
     /// The control points of the closed spline.
     controls: Vec<Channels>,
-    /// After so many metres the recording begins anew; `None`: it runs with the time.
+    /// After so many metres the recording begins again; `None`: it runs with the time.
     stride: Option<f64>,
 }
 
@@ -201,7 +201,7 @@ fn stretch(moments: &[Moment]) -> [usize; 2] {
     good.max_by_key(|([from, to], _)| to - from).map_or([blend, end], |it| it.0)
 }
 
-/// How far somebody walked meanwhile [m]; `None` where nobody walked evenly.
+/// How far the person walked meanwhile [m]; `None` where the person did not walk evenly.
 fn walked(moments: &[Moment]) -> Option<f64> {
     // Half a second at a time: within a step everybody is faster and slower.
     let step = (RATE_HZ / 2.0) as usize;

@@ -47,7 +47,7 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    /// Comes in at `enter_s`, stands for `stand_s`, then walks over `width_m` at `speed` on average [m/s].
+    /// Comes in at `enter_s`, stays still during `stand_s`, then walks over `width_m` at `speed` on average [m/s].
     pub fn new(enter_s: f64, stand_s: f64, width_m: f64, speed: f64, shows_knee: bool, random: &mut Random) -> Self {
         let half_m = width_m / 2.0;
         let sign = if random.below(2) == 0 { 1.0 } else { -1.0 };

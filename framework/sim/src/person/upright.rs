@@ -1,6 +1,6 @@
 //! Which way is up in a recording.
 //!
-//! Somebody who is upright has the head above the ankles, and so does the skeleton where no joint is turned. Most files agree on both. Where they do not, either the skeleton was made for another axis than the recording,
+//! An upright person has the head above the ankles, and so does the skeleton where no joint is turned. Most files agree on both. Where they do not, either the skeleton was made for another axis than the recording,
 //! or the person lies, crawls or stands on the hands throughout: then the floor, which is at 0 in most files, tells the two apart.
 
 use foveate_scene::skeleton::{SkeletonMotion, z_up_from_y_up};
@@ -20,7 +20,7 @@ const LOWEST: f64 = 0.02;
 /// An axis of the file and whether its end points up.
 pub(super) type Up = (usize, bool);
 
-/// Which axis is up by joints' `places` in all frames [m], of somebody `stature_m` tall, and which one the skeleton says where it disagrees.
+/// Which axis is up by joints' `places` in all frames [m], of a person `stature_m` tall, and which one the skeleton says where it disagrees.
 pub(super) fn up(
     motion: &SkeletonMotion,
     joints: &[usize; N_JOINTS],
@@ -62,7 +62,7 @@ fn axis_of(it: &Vector3<f64>) -> Option<Up> {
     (it[axis].abs() > ALONG * it.norm()).then_some((axis, it[axis] > 0.0))
 }
 
-/// Whether somebody is on the floor at 0 if that axis is up.
+/// Whether the person is on the floor at 0 if that axis is up.
 fn is_on_the_floor(places: &[[Vector3<f64>; N_JOINTS]], (axis, is_end_up): Up, stature_m: f64) -> bool {
     let height = |it: &Vector3<f64>| if is_end_up { it[axis] } else { -it[axis] };
     let mut lowest: Vec<f64> = places

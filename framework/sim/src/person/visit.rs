@@ -9,7 +9,7 @@ use super::braid::{Braid, PathPoint};
 /// How far outside the path's border a track begins or ends [m].
 const OUTSIDE_M: f64 = 1.4;
 
-/// When somebody walks on a path and when not. Visits begin and end at tips of the path.
+/// When a person walks on a path and when not. Visits begin and end at tips of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Visits {
     /// When the path is joined for the first time [s].
@@ -24,7 +24,7 @@ pub(super) struct Visits {
     track_s: f64,
 }
 
-/// What somebody does at one time.
+/// What a person does at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Doing {
     /// Is on the path.

@@ -63,8 +63,8 @@ impl Walk {
         Self::on(Path::Round { half_axes, lobe_phase }, start, speed)
     }
 
-    /// Place number `slot` of `braid`, at `speed` on average [m/s], from `enter_s` on; how long somebody stays and stays
-    /// away as for [`Visits::new`].
+    /// Place number `slot` of `braid`, at `speed` on average [m/s], from `enter_s` on; durations of stays and
+    /// absences as for [`Visits::new`].
     pub fn braid(
         slot: usize,
         braid: &Braid,
@@ -97,7 +97,7 @@ impl Walk {
         walk
     }
 
-    /// Which visit it is at `time_s`, counted from 0; `None` while nobody is there.
+    /// Which visit it is at `time_s`, counted from 0; `None` while the person is away.
     pub fn visit(&self, time_s: f64) -> Option<u32> {
         self.visits.map_or(Some(0), |visits| visits.at(time_s, self.omega).map(|it| it.0))
     }
@@ -112,7 +112,7 @@ impl Walk {
         Some(Place { position, forward: velocity.normalize(), way })
     }
 
-    /// Where the person is; on the path where nobody is there.
+    /// Where the person is; on the path while the person is away.
     pub fn at(&self, time_s: f64) -> Place {
         if let Some(place) = self.on_track(time_s) {
             return place;

@@ -27,16 +27,16 @@ const LONGEST_S: f64 = 60.0;
 const SHORTEST_S: f64 = 0.5;
 /// No joint of a person is faster [m/s].
 const FASTEST_M_S: f64 = 25.0;
-/// How tall people are whose unit of length is looked for [m] …
+/// Range of stature for inferring the unit of length [m] …
 const TALL_M: [f64; 2] = [1.4, 2.1];
-/// … and those of the metric ones, where that finds none; whose unit is told may be as tall, too.
+/// … and that for the metric units, where the first range finds none; it also applies where the unit is given.
 const ANYHOW_TALL_M: [f64; 2] = [0.5, 2.6];
 /// From the ankles along the bones to the joint of the head, of all that a person is tall [–].
 const ANKLES_TO_HEAD: f64 = 0.87;
 /// Units of length in use, the commonest first: centimetre, metre, inch, that of Carnegie Mellon's files, millimetre [m].
 const UNITS_M: [f64; 5] = [0.01, 1.0, 0.0254, CMU_UNIT_M, 0.001];
 const METRIC_UNITS_M: [f64; 3] = [0.01, 1.0, 0.001];
-/// How far the joints are from the floor that they touch, in the order of the joints, of somebody of the built-in body's size [m].
+/// How far the joints are from the floor that they touch, in the order of the joints, for a person of the built-in body's size [m].
 const CLEAR_M: [f64; N_JOINTS] = [0.1, 0.1, 0.05, 0.05, FOOT, FOOT, 0.1, 0.1, 0.04, 0.04, 0.03, 0.03, 0.1];
 /// Where less than this part of the line from right to left is level, it tells no heading; from there on it tells more [–].
 const LEVEL: [f64; 2] = [0.3, 0.7];
@@ -63,9 +63,9 @@ pub struct WholeBody {
     course: Course,
 }
 
-/// What is told of a recording; nothing of it need be.
+/// Optional hints about a recording: its unit of length and its up axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Told {
+pub struct RecordingHints {
     /// What one unit of length is [m].
     pub unit_m: Option<f64>,
     /// Which axis points up: 0, 1, 2 for x, y, z.
@@ -73,12 +73,12 @@ pub struct Told {
 }
 
 impl WholeBody {
-    /// Of a BVH recording of which so much is `told`; the middle of the body stays in an area of `area_m`.
+    /// From a BVH recording and hints about it; the middle of the body stays in an area of `area_m`.
     ///
     /// # Errors
     /// A sentence: a joint that it lacks, a size that no person has, that it is too short, or that there is no room for it.
-    pub fn new(motion: &SkeletonMotion, told: Told, area_m: [f64; 2]) -> Result<Self, String> {
-        let Recording { moments, rate_hz, stature_m, notes } = Recording::read(motion, told)?;
+    pub fn new(motion: &SkeletonMotion, hints: RecordingHints, area_m: [f64; 2]) -> Result<Self, String> {
+        let Recording { moments, rate_hz, stature_m, notes } = Recording::read(motion, hints)?;
         let course = Course::new(&moments, rate_hz, area_m)?;
         Ok(Self { size: stature_m / STATURE_M, notes, course })
     }
@@ -88,12 +88,12 @@ impl WholeBody {
         self.size * STATURE_M
     }
 
-    /// What was made of the recording: its unit of length, and whatever else may be otherwise than thought, each in some words.
+    /// How the recording was interpreted: its unit of length, and other assumptions, in words.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// After how long everything begins anew [s].
+    /// After how long everything repeats [s].
     pub fn period_s(&self) -> f64 {
         self.course.period_s()
     }
@@ -156,11 +156,11 @@ struct Frame {
 }
 
 impl Recording {
-    fn read(motion: &SkeletonMotion, told: Told) -> Result<Self, String> {
+    fn read(motion: &SkeletonMotion, hints: RecordingHints) -> Result<Self, String> {
         let joints = find_joints(motion)?;
         let step = (1.0 / (RATE_HZ * motion.frame_s)).round().max(1.0) as usize;
         let rate_hz = 1.0 / (motion.frame_s * step as f64);
-        let (unit_m, stature_m, of_unit) = unit(motion, &joints, told.unit_m)?;
+        let (unit_m, stature_m, of_unit) = unit(motion, &joints, hints.unit_m)?;
         let mut notes = vec![of_unit];
         let count = ((LONGEST_S / motion.frame_s) as usize).min(motion.n_frames());
         let mut frames: Vec<Frame> = (0..count)
@@ -191,13 +191,13 @@ impl Recording {
             notes.push(format!("{:.1} s of {:.1} s, since {jump}", seconds(frames.len()), seconds(n_read)));
         }
         let places: Vec<[Vector3<f64>; N_JOINTS]> = frames.iter().map(|it| it.places).collect();
-        let (up, other) = match told.up {
+        let (up, other) = match hints.up {
             Some(axis) => ((axis, true), None),
             None => upright::up(motion, &joints, &places, stature_m),
         };
         notes.extend(other.map(|other: Up| {
             let [up, other] = [up, other].map(upright::in_words);
-            format!("{up} taken for up, though {other} may be: the skeleton stands otherwise than in its motion, `body.up` says which is right")
+            format!("{up} taken for up, though {other} may be: skeleton and motion disagree, `body.up` states which is right")
         }));
         let turn = upright::z_up_from(up);
         for frame in frames.iter_mut() {

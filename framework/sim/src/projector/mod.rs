@@ -44,7 +44,7 @@ pub enum PatternCode {
 pub struct ProjectorSettings {
     /// The code: `gray`, `phase` or `boundary` [–]
     pub code: PatternCode,
-    /// What follows what in a set: `columns` (the pictures that tell the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
+    /// Order of the pictures in a set: `columns` (the pictures that encode the column), `rows`, `white`, `black`; of a boundary code, the first of `columns` and `rows` alone [–]
     pub order: String,
     /// Steps of a phase shift [–]
     #[schemars(range(min = 3, max = 32))]
@@ -55,16 +55,16 @@ pub struct ProjectorSettings {
     /// Width of a stripe of a boundary code [px]
     #[schemars(range(min = 2, max = 1024))]
     pub stripe_px: u32,
-    /// The gamma that its driver takes it to have: sine waves are written for it [–]
+    /// The gamma that its driver assumes: sine waves are written for it [–]
     #[schemars(range(min = 0.2, max = 5.0))]
     pub assumed_gamma: f64,
     /// The gamma that it has [–]
     #[schemars(range(min = 0.2, max = 5.0))]
     pub gamma: f64,
-    /// Light of white over that of black [–]
+    /// Contrast: light of white over that of black [–]
     #[schemars(range(min = 1.5, max = 1e6))]
     pub contrast: f64,
-    /// What a white surface shows that faces it at 1 m, lit white, gain 1; it falls off with the square of the distance [gray level]
+    /// Gray level of a white surface that faces it at 1 m, lit white, gain 1; falls off with the square of the distance [gray level]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub light: f64,
     /// Where its lens is focused [m]
@@ -85,7 +85,7 @@ pub struct ProjectorSettings {
     /// Between two sets, in which it shows black; a boundary code has no pause [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub pause_s: f64,
-    /// From being told to show a picture to its light [ms]
+    /// Latency from the command to show a picture to its light [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_ms: f64,
     /// Share of the pictures that it does not show, the one before staying instead, drawn for each picture [–]
@@ -188,14 +188,14 @@ impl ProjectorSettings {
     }
 }
 
-/// Picture number `index` of set number `set`, told at `from`.
+/// Picture number `index` of set number `set`, commanded at `from`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
+pub struct PictureCommand {
     /// Of its set.
     pub set: u64,
     /// In its set.
     pub index: usize,
-    /// When the projector is told [session clock].
+    /// When the projector is commanded [session clock].
     pub from: Time,
 }
 
@@ -207,7 +207,7 @@ struct Inner {
     settings: ProjectorSettings,
     pictures: Vec<Shown>,
     code: StripeCode,
-    /// Of each picture, made when light of it is first asked for.
+    /// Of each picture, made on first use.
     profiles: Vec<OnceLock<Profile>>,
     lottery: u64,
 }
@@ -284,12 +284,16 @@ impl Projection {
     }
 
     /// Picture number `number`, counted over all sets.
-    pub fn told(&self, number: u64) -> Told {
+    pub fn command(&self, number: u64) -> PictureCommand {
         let n = self.0.pictures.len() as u64;
         let (set, index) = (number / n, number % n);
         let ProjectorSettings { rate_hz, start_s, .. } = self.0.settings;
         let set_s = n as f64 / rate_hz + self.0.settings.pause_s();
-        Told { set, index: index as usize, from: Time::from_s(start_s + set as f64 * set_s + index as f64 / rate_hz) }
+        PictureCommand {
+            set,
+            index: index as usize,
+            from: Time::from_s(start_s + set as f64 * set_s + index as f64 / rate_hz),
+        }
     }
 
     /// The picture that gives its light at `time`; `None` between sets, where it is black.
@@ -344,21 +348,21 @@ mod tests {
         let projection = projection(|_| ());
         let n = projection.pictures().len() as u64;
         for number in [0, 1, 7, n - 1, n, 3 * n + 2] {
-            let told = projection.told(number);
-            let shows = |after_ms: f64| projection.shows(told.from + Interval::from_ms(after_ms));
-            assert_eq!(shows(30.0), Some(told.index), "picture {number}");
-            assert_eq!(shows(49.99), Some(told.index));
-            assert_ne!(shows(29.99), Some(told.index));
+            let command = projection.command(number);
+            let shows = |after_ms: f64| projection.shows(command.from + Interval::from_ms(after_ms));
+            assert_eq!(shows(30.0), Some(command.index), "picture {number}");
+            assert_eq!(shows(49.99), Some(command.index));
+            assert_ne!(shows(29.99), Some(command.index));
         }
         assert_eq!(projection.shows(Time::from_s(1.0)), None);
-        assert_eq!(projection.shows(projection.told(n - 1).from + Interval::from_ms(55.0)), None);
+        assert_eq!(projection.shows(projection.command(n - 1).from + Interval::from_ms(55.0)), None);
     }
 
     #[test]
     fn a_boundary_code_goes_on_without_a_pause_and_leaves_the_last_picture_where_the_first_is_dropped() {
         let projection = |dropped: f64| projection(|it| (it.code, it.dropped) = (PatternCode::Boundary, dropped));
         let shows = |projection: &Projection, number: u64| {
-            projection.shows(projection.told(number).from + Interval::from_ms(31.0))
+            projection.shows(projection.command(number).from + Interval::from_ms(31.0))
         };
         let all = projection(0.0);
         assert!(all.pictures().len() == 4 && (0..400).all(|it| shows(&all, it) == Some(it as usize % 4)));
@@ -370,8 +374,8 @@ mod tests {
     fn dropped_pictures_leave_the_one_before() {
         let projection = projection(|it| it.dropped = 0.2);
         let late = |number: u64| {
-            let told = projection.told(number);
-            projection.shows(told.from + Interval::from_ms(31.0)).is_none_or(|it| it != told.index)
+            let command = projection.command(number);
+            projection.shows(command.from + Interval::from_ms(31.0)).is_none_or(|it| it != command.index)
         };
         let share = (0..4000).filter(|it| late(*it)).count() as f64 / 4000.0;
         assert!((0.15..0.23).contains(&share), "{share}");

@@ -230,7 +230,7 @@ impl BodyScorer {
     /// Writes the figures.
     pub fn finish(&self, report: &mut Report) {
         if self.n_people == 0 {
-            report.remark("Nobody was in the volume while skeletons came: none was scored.");
+            report.remark("No person was in the volume while skeletons came: none was scored.");
             return;
         }
         let mm = |it: f64| it * 1e3;

@@ -1,7 +1,7 @@
 //! HOTA of points: how well targets are found and, of those that are found, how well their identities last, the geometric mean of the two.
 //!
 //! J. Luiten et al., "HOTA: A higher order metric for evaluating multi-object tracking", International Journal of Computer Vision 129, 2021. For points the
-//! similarity of a pair is 1 − d / gate. Pairs are those of the scorer at every level; the paper matches anew for each.
+//! similarity of a pair is 1 − d / gate. Pairs are those of the scorer at every level; the paper matches separately for each.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ impl HigherOrder {
         *self.identities.entry(identity).or_insert(0) += 1;
     }
 
-    /// They are each other's partners, `distance` apart where `gate` is the most that may be [m].
+    /// Enters a matched pair, `distance` apart, where `gate` is the largest distance allowed [m].
     pub fn matched(&mut self, truth: TargetId, identity: TargetId, distance: f64, gate: f64) {
         let reached = ((1.0 - distance / gate) * (LEVELS + 1) as f64 + 1e-9).floor().max(0.0) as usize;
         let counts = self.matches.entry((truth, identity)).or_insert([0; LEVELS]);

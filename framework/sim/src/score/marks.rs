@@ -1,4 +1,4 @@
-//! Painted marks against the truth: whether they keep their distances, who they are, how well hidden ones are filled in.
+//! Painted marks against the truth: distances between them, identities, and errors of those filled in.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ struct Pair {
     labels: [u32; 2],
     /// True distance, mean [m].
     mean: f64,
-    /// What the true distance is off that, median [m].
+    /// Deviation of the true distance from that, median [m].
     changes: f64,
     /// Recovered and true distances [m].
     found: Vec<f64>,
@@ -39,12 +39,12 @@ struct Pair {
 }
 
 impl Pair {
-    /// What the recovered distance is off the truth [m].
+    /// Error of the recovered distance [m].
     fn errors(&self) -> impl Iterator<Item = f64> + '_ {
         self.found.iter().zip(&self.truth).map(|(a, b)| (a - b).abs())
     }
 
-    /// What it is off its own mean [m].
+    /// Its deviation from its own mean [m].
     fn deviations(&self) -> impl Iterator<Item = f64> + '_ {
         let mean = self.found.iter().sum::<f64>() / self.found.len() as f64;
         self.found.iter().map(move |it| (it - mean).abs())
@@ -101,7 +101,7 @@ struct Moment {
     time: Time,
     samples: Vec<Sample>,
     truth: Vec<Point3<f64>>,
-    /// By true mark; empty where nobody asked.
+    /// By true mark; empty where not requested.
     in_view: Vec<InView>,
     rms: Option<f64>,
     out_of_distribution: Option<f64>,

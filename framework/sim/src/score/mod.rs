@@ -1,12 +1,12 @@
 //! How well targets were recovered: matched to the truth one by one, then summed up.
 //!
-//! Each recovered sample is compared with the truth at its own time. Who is who follows K. Bernardin and R. Stiefelhagen,
+//! Each recovered sample is compared with the truth at its own time. Matching follows K. Bernardin and R. Stiefelhagen,
 //! "Evaluating multiple object tracking performance: the CLEAR MOT metrics", EURASIP JIVP, 2008: a pair of the last time is kept
 //! while it stays within the gate; what is left is assigned so that the sum of distances is least. GOSPA ([`SetDistance`]) has an
 //! assignment of its own, which remembers nothing.
 //!
-//! Where the scale has a volume, nobody has to find what is outside: true targets there are neither missed nor counted, and what
-//! is recovered of them is not false.
+//! Where the scale has a volume, targets outside it need not be found: true targets there are neither missed nor counted, and
+//! recovered ones are not false.
 
 pub mod body;
 pub(crate) mod cloud;
@@ -40,7 +40,7 @@ use together::Together;
 use truth::{Interpolated, TruthTrack};
 use warmup::Warmup;
 
-/// Recovered messages that may wait for the truth of their time; more are given up, oldest first.
+/// Recovered messages that may wait for the truth of their time; more are dropped, oldest first.
 const MAX_WAITING: usize = 20_000;
 /// Silences that are named one by one.
 const NAMED: usize = 3;
@@ -69,7 +69,7 @@ pub struct Scorer {
     duplicates: u64,
     pairs: u64,
     pairs_possible: u64,
-    /// Recovered targets that count: those that were not matched to somebody outside the volume.
+    /// Recovered targets that count: those that were not matched to a true target outside the volume.
     found: u64,
     together: Together,
     higher_order: HigherOrder,
@@ -215,7 +215,7 @@ impl Scorer {
         self.gospa += self.gospa_now();
     }
 
-    /// Who was matched last time, and still is within the gate, stays matched. An identity belongs to the true target it was
+    /// A pair that was matched last time, and still is within the gate, stays matched. An identity belongs to the true target it was
     /// matched to last, and to no other.
     fn keep_pairs(&mut self, targets: &Targets) {
         let Scratch { here, by_identity, pairs, matched, taken, .. } = &mut self.scratch;

@@ -1,4 +1,4 @@
-//! Who is near whom: pairs within a gate, and the groups that these tie together.
+//! Pairs within a gate, and the groups that these connect.
 //!
 //! Large scenes fall apart into small groups, each of which is assigned by itself: the cost grows with the number of targets and
 //! not with its cube.

@@ -1,4 +1,4 @@
-//! Times in which nothing came at all: a tracker without cameras is silent, and each light that it should have found in that time is missed.
+//! Times without any message: a tracker without cameras is silent, and each light that it should have found in that time is missed.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ pub(super) struct Silence {
 pub(super) struct Silences {
     /// From and to [s].
     pub spans: Vec<[f64; 2]>,
-    /// Who was to be found when messages should have come.
+    /// The true targets that were there when messages should have come.
     pub moments: Vec<Arc<[TargetId]>>,
 }
 

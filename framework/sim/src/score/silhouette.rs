@@ -1,4 +1,4 @@
-//! Silhouettes against whom each pixel truly sees.
+//! Silhouettes against what each pixel truly sees.
 
 use foveate_messages::Silhouette;
 

@@ -46,7 +46,7 @@ pub(crate) struct SurfaceErrors {
 }
 
 impl SurfaceTrack {
-    /// Takes in a cloud that was registered: what could be seen when it was taken, and where it was said to lie.
+    /// Takes in a cloud that was registered: what could be seen when it was taken, and its registered pose.
     pub fn add(
         &mut self,
         cloud: &ScaleCloud,

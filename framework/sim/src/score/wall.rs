@@ -47,7 +47,7 @@ pub struct WallScorer {
     messages: u64,
     /// What events said; `None` where none came.
     events: Option<Events>,
-    /// Whose targets are, as told last; `None` where nothing tells users apart.
+    /// Users of targets, as last reported; `None` where nothing identifies users.
     users: Option<Users>,
     /// Targets with a user, and those of them with a wrong one.
     with_user: [u64; 2],
@@ -56,8 +56,8 @@ pub struct WallScorer {
 /// Events against true presses.
 #[derive(Debug, Clone, Default)]
 struct Events {
-    /// By the press's key, how often it was told, and when it was told to be over last.
-    told: BTreeMap<u32, (u32, Option<Time>)>,
+    /// By the press's key, how often it was reported, and the last reported time of its end.
+    reported: BTreeMap<u32, (u32, Option<Time>)>,
     /// By identity, the press that its event was matched to.
     of: BTreeMap<u32, u32>,
     false_presses: u64,
@@ -76,7 +76,7 @@ struct Observed {
     found: Option<Time>,
     /// Identities of its first and its last target.
     identities: Option<[u32; 2]>,
-    /// Whose it was taken for last, and whether that is right.
+    /// Its last assigned user, and whether that is right.
     user: Option<bool>,
     /// When it had a user first.
     decided: Option<Time>,
@@ -131,7 +131,7 @@ impl WallScorer {
                     let key = nearest.filter(|it| off(it) <= gate).and_then(|it| Some(self.visits.get(&it.number)?.1));
                     match key {
                         Some(key) => {
-                            events.told.entry(key).or_default().0 += 1;
+                            events.reported.entry(key).or_default().0 += 1;
                             events.of.insert(it.id.0, key);
                         }
                         None => events.false_presses += 1,
@@ -139,7 +139,7 @@ impl WallScorer {
                 }
                 PointerChange::Release => {
                     if let Some(key) = events.of.get(&it.id.0) {
-                        events.told.entry(*key).or_default().1 = Some(it.time);
+                        events.reported.entry(*key).or_default().1 = Some(it.time);
                     }
                 }
                 _ => {}
@@ -260,15 +260,17 @@ impl WallScorer {
         report.figure("press_ms.p95", waits(95.0));
         report.figure("release_ms.median", percentile(&after, 50.0).unwrap_or(f64::NAN));
         if let Some(events) = &self.events {
-            let told = |key: &u32| events.told.get(key).map_or(0, |it| it.0);
+            let reported = |key: &u32| events.reported.get(key).map_or(0, |it| it.0);
             let pressed = self.presses.iter().filter(|it| (it.1.last - it.1.first).as_s() >= LEAST_PRESS_S);
-            let missed = pressed.filter(|it| told(it.0) == 0).count();
-            let doubled: u32 = events.told.values().map(|it| it.0.saturating_sub(1)).sum();
+            let missed = pressed.filter(|it| reported(it.0) == 0).count();
+            let doubled: u32 = events.reported.values().map(|it| it.0.saturating_sub(1)).sum();
             report.figure("press_events_missed", missed as f64);
             report.figure("press_events_doubled", f64::from(doubled));
             report.figure("press_events_false", events.false_presses as f64);
-            let off =
-                events.told.iter().filter_map(|(key, it)| Some((it.1? - self.presses.get(key)?.last).as_ms().abs()));
+            let off = events
+                .reported
+                .iter()
+                .filter_map(|(key, it)| Some((it.1? - self.presses.get(key)?.last).as_ms().abs()));
             let off: Vec<f64> = off.collect();
             for (word, percent) in [("median", 50.0), ("p95", 95.0)] {
                 report.figure(format!("release_event_ms.{word}"), percentile(&off, percent).unwrap_or(f64::NAN));
@@ -343,7 +345,7 @@ mod tests {
         figures_with(change, |_, _| None)
     }
 
-    /// The same where whose the targets are is told, as `users` makes it of a press and of the time [s] since the start.
+    /// The same with users reported by `users` from a press and of the time [s] since the start.
     fn figures_with(change: impl Fn(&mut Targets), users: impl Fn(Press, f64) -> Option<u32>) -> BTreeMap<String, f64> {
         let wall = Wall::new(WallSettings::default(), Truth::default(), &Random::new(3));
         let mut scorer = WallScorer::new(0.02, 0.0, Vec::new());
@@ -366,12 +368,12 @@ mod tests {
                 provenance: Provenance::Measured,
             });
             let list: Vec<Target> = list.collect();
-            let told = wall.presses(time).zip(&list);
-            let told =
-                told.filter_map(|(it, target)| Some(TargetUser { id: target.id, user: users(it, time.as_s())? }));
-            let told: Vec<TargetUser> = told.collect();
-            if !told.is_empty() {
-                scorer.users(&Users { time, list: told, exchanged: Vec::new() });
+            let reported = wall.presses(time).zip(&list);
+            let reported =
+                reported.filter_map(|(it, target)| Some(TargetUser { id: target.id, user: users(it, time.as_s())? }));
+            let reported: Vec<TargetUser> = reported.collect();
+            if !reported.is_empty() {
+                scorer.users(&Users { time, list: reported, exchanged: Vec::new() });
             }
             let mut targets = Targets { time, list };
             change(&mut targets);
@@ -416,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn users_are_judged_only_where_they_are_told() {
+    fn users_are_judged_only_where_they_are_reported() {
         assert!(!figures(|_| ()).contains_key("user_right"));
         let right = figures_with(|_| (), |press, _| Some(press.user + 1));
         assert_eq!([right["user_right"], right["user_wrong"], right["user_undecided"]], [1.0, 0.0, 0.0]);

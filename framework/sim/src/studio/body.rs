@@ -193,7 +193,7 @@ pub(crate) struct Build {
 }
 
 impl Build {
-    /// Of somebody.
+    /// Of a person.
     pub fn draw(random: &mut Random) -> Self {
         let mut share = |spread: f64| 1.0 + spread * random.normal().clamp(-2.0, 2.0);
         let (girth, shoulders, hips, belly, hands) = (share(0.07), share(0.04), share(0.05), share(0.10), share(0.04));
@@ -239,7 +239,7 @@ pub(crate) struct Piece {
     relief: Vec<f32>,
 }
 
-/// The surfaces of somebody's body.
+/// The surfaces of a person's body.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Body {
     pub build: Build,

@@ -37,7 +37,7 @@ pub(crate) struct Cloth {
     pub seed: u32,
 }
 
-/// What somebody wears and is coloured like.
+/// Clothes and colours of a person.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Look {
     pub shirt: Cloth,
@@ -146,7 +146,7 @@ impl Cloth {
 }
 
 impl Look {
-    /// Of somebody; `in_sweater` overrides what the shirt would be.
+    /// Of a person; `in_sweater` overrides what the shirt would be.
     pub fn draw(in_sweater: bool, random: &mut Random) -> Self {
         let mut shirt = Cloth::draw_shirt(random);
         if in_sweater {

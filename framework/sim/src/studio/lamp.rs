@@ -19,7 +19,7 @@ const REFERENCE_M: f64 = 2.0;
 const MAP_PX: u32 = 256;
 /// A surface holds up light of its own only beyond this: it is seen as steps from the lamp [m].
 const BIAS_M: f32 = 8e-3;
-/// Places that are asked for what holds light up, and then for whether it does.
+/// Samples of the shadow map in search of an occluder, and then for its shadow.
 const N_SEARCH: usize = 10;
 const N_TAPS: usize = 16;
 /// A map looks at most so far aside [tangent].
@@ -145,7 +145,7 @@ impl Lamp {
         self.settings.colour.map(|it| (it * self.settings.light) as f32)
     }
 
-    /// The share of its light that falls on a place that is turned this way, relative to one that faces it from 2 m, where nothing holds it up.
+    /// The share of its light that falls on a place that is turned this way, relative to one that faces it from 2 m, where nothing blocks it.
     #[inline]
     pub fn falls_on(&self, point: &Point3<f64>, normal: &Vector3<f32>) -> f32 {
         let to_lamp = self.position - point;

@@ -1,7 +1,7 @@
 //! The studio: people in clothes, furniture and lamps as textured surfaces, in place of the dark shapes that rigs of lights are content with.
 //!
-//! `body` makes surfaces around the joints of somebody, `clothes` paints them, `lamp` lights them, `room` and `props` are what stands still. All is a pure function of time and of the seed;
-//! what several cameras ask for at the same time is worked out once.
+//! `body` makes surfaces around the joints of a person, `clothes` paints them, `lamp` lights them, `room` and `props` are what stands still. All is a pure function of time and of the seed;
+//! what several cameras need at the same time is computed once.
 
 mod arm;
 mod body;
@@ -59,7 +59,7 @@ pub struct StudioSettings {
     /// Standard deviation of people's stature as a part of it; those of `body.motion = "whole"` are as tall as recorded [–].
     #[schemars(range(min = 0.0, max = 0.15))]
     pub stature_spread: f64,
-    /// Whether everybody wears a sweater of flecked wool [–].
+    /// Whether all people wear a sweater of flecked wool [–].
     pub sweaters: bool,
     /// How large a texel of clothes is; half of it on faces [mm].
     #[schemars(range(min = 0.2, max = 50.0))]
@@ -254,7 +254,7 @@ impl Studio {
     pub fn arm_surface(&self, time: Time) -> Option<(&[Triangle], Arc<Skin>)> {
         let number = self.arm()?;
         let skin = self.skins.get(time, || {
-            let posed = self.posed(number, time, || unreachable!("an arm is nobody's"));
+            let posed = self.posed(number, time, || unreachable!("an arm belongs to no person"));
             let (vertices, normals) = (posed.vertices.clone(), posed.normals.clone());
             Arc::new(Skin { vertices, normals, light: Vec::new(), world_from_part: nalgebra::Isometry3::identity() })
         });
@@ -319,7 +319,7 @@ impl Studio {
     }
 }
 
-/// Somebody: a body, and how it looks.
+/// A person: a body, and how it looks.
 fn actor(settings: &StudioSettings, random: &Random) -> (Body, Thing) {
     let mut build = Build::draw(&mut random.fork("build"));
     if settings.sweaters {

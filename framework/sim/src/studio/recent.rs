@@ -1,23 +1,23 @@
-//! What was asked for lately, worked out once for all who ask.
+//! Shared cache of recent results: each is computed once for all callers.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 type Entries<K, V> = VecDeque<(K, Arc<OnceLock<V>>)>;
 
-/// The latest answers.
+/// The latest results.
 pub(super) struct Recent<K, V> {
     most: usize,
     entries: Mutex<Entries<K, V>>,
 }
 
 impl<K: PartialEq, V: Clone> Recent<K, V> {
-    /// That keeps `most` answers.
+    /// A cache that keeps `most` results.
     pub fn new(most: usize) -> Self {
         Self { most, entries: Mutex::default() }
     }
 
-    /// The answer to `key`; who asks for one that is being worked out waits for it.
+    /// The result for `key`; a caller that needs one that is being computed waits for it.
     pub fn get(&self, key: K, answer: impl FnOnce() -> V) -> V {
         let cell = {
             let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);

@@ -32,8 +32,8 @@ pub(crate) fn size_for(columns: f64, rows: f64) -> [usize; 2] {
 }
 
 impl Pyramid {
-    /// A picture of a size by [`size_for`]; `colour` tells it at the middle of each texel, given in shares of both sides. Bands of rows are dealt out to all
-    /// cores; each row is the same whoever paints it.
+    /// A picture of a size by [`size_for`]; `colour` tells it at the middle of each texel, given in shares of both sides. Bands of rows are distributed over all
+    /// cores; each row is the same whichever core paints it.
     pub fn paint([width, height]: [usize; 2], colour: impl Fn(f64, f64) -> Colour + Sync) -> Self {
         let mut texels = vec![[0_u8; 4]; width * height];
         let bands = Mutex::new(texels.chunks_mut(width * BAND).enumerate());

@@ -15,7 +15,7 @@ pub type Corners = Vec<[u32; 3]>;
 /// A point of skin or cloth: it stays the same over time, wherever it goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Whose it is: the number of the person, and after all of them the arm.
+    /// Its owner: the number of the person, and after all of them the arm.
     pub thing: usize,
     /// Number of the triangle, and the weights of its corners.
     pub triangle: usize,

@@ -8,9 +8,9 @@ use super::TimingSettings;
 /// Reads t + offset + drift × t at session time t.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clock {
-    /// What it is ahead at the start of the session [s].
+    /// How far it is ahead at the start of the session [s].
     pub offset_s: f64,
-    /// What it gains in a second [s].
+    /// Drift: seconds gained in a second [s].
     pub drift: f64,
 }
 
@@ -24,7 +24,7 @@ impl Clock {
         Self { offset_s: offset_ms * 1e-3, drift: drift_ppm * 1e-6 }
     }
 
-    /// What it is ahead at session time `time`.
+    /// How far it is ahead at session time `time`.
     pub fn ahead(&self, time: Time) -> Interval {
         Interval::from_s(self.offset_s + self.drift * time.as_s())
     }

@@ -1,4 +1,4 @@
-//! The time line of one simulated camera: when it looks, how its clock stamps that, when the result arrives, and what never does.
+//! The time line of one simulated camera: when it captures, how its clock stamps that, when the result arrives, and what is lost.
 //!
 //! Field k is seen at `phase + k / rate + exposure / 2` on the session's clock, stamped by the camera's own [`Clock`], and delivered
 //! after its latency. All that is random about a field is drawn by its number, so a time line does not depend on what
@@ -38,7 +38,7 @@ pub struct Arrival {
     pub outcome: DeliveryOutcome,
 }
 
-/// What becomes of a field.
+/// Outcome of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeliveryOutcome {
     /// It arrives.

@@ -4,7 +4,7 @@ use foveate_node::{ConfigError, Plan};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// When a camera looks, what its clock says, when its data arrive, and when nothing comes. As it is by default the clock is
+/// Capture times, clock, delivery and failures of a camera. By default the clock is
 /// right, every field takes the same time, and nothing fails.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -12,31 +12,31 @@ pub struct TimingSettings {
     /// Fields a second [Hz].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub rate_hz: f64,
-    /// All cameras look at the same moments; otherwise each has an offset of its own within the period, drawn once [–].
+    /// All cameras capture at the same moments; otherwise each has a random offset within the period, drawn once [–].
     pub synchronised: bool,
     /// From the middle of the exposure to the delivery of the field, at least; no less than half the exposure and half the readout of a rolling shutter [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub latency_ms: f64,
-    /// What comes on top, mean: drawn for each field, exponentially distributed, so that fields may overtake each other [ms].
+    /// Mean of an additional random delay of each field, exponentially distributed, so that fields may overtake each other [ms].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_jitter_ms: f64,
-    /// How often a single field is held up on its way, and those behind it pass it; 0: never [Hz].
+    /// How often a single field is delayed, so that later ones overtake it; 0: never [Hz].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub hiccup_hz: f64,
-    /// By how much such a field is held up [ms].
+    /// Delay of such a field [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub hiccup_ms: f64,
     /// Share of the fields that get lost on the way and show as gaps, drawn for each field [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub lost: f64,
-    /// What the camera's clock is ahead of the session's at its start: stamps are by the camera's clock, while pictures are
+    /// How far the camera's clock is ahead of the session's at its start: stamps are by the camera's clock, while pictures are
     /// taken and delivered by the session's [ms].
     #[schemars(range(min = -10_000.0, max = 10_000.0))]
     pub clock_offset_ms: f64,
     /// The offset of each camera is drawn once, evenly from this much below `clock_offset_ms` to this much above [ms].
     #[schemars(range(min = 0.0, max = 10_000.0))]
     pub clock_offset_spread_ms: f64,
-    /// By how much the camera's clock runs fast: a millisecond in a thousand seconds is 1 ppm [ppm].
+    /// Drift of the camera's clock: a millisecond in a thousand seconds is 1 ppm [ppm].
     #[schemars(range(min = -10_000.0, max = 10_000.0))]
     pub clock_drift_ppm: f64,
     /// The drift of each camera is drawn once, evenly from this much below `clock_drift_ppm` to this much above [ppm].
@@ -79,7 +79,7 @@ impl Default for TimingSettings {
 }
 
 impl TimingSettings {
-    /// What is known of the camera before it runs.
+    /// The camera's plan: what is known before it runs.
     pub(crate) fn plan(&self) -> Plan {
         Plan { rate_hz: Some(self.rate_hz), latency_s: self.latency_ms * 1e-3, ..Plan::default() }
     }

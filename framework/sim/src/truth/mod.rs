@@ -1,6 +1,6 @@
 //! What the cameras and heads of a simulated world are truly like: not as a rig's calibration says, but drawn around how they were planned to be.
 //!
-//! A plan is a file with cameras and heads, in the form of a calibration; nobody but the simulation reads it. Around it a world draws where each camera was really mounted,
+//! A plan is a file with cameras and heads, in the form of a calibration; only the simulation reads it. Around it a world draws where each camera was really mounted,
 //! what its lens is really like (richer than what calibrations fit: see [`Lens`]), where the axes of its head really are. A rig knows of all this what it
 //! has estimated itself, from what the simulated cameras saw.
 
@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 pub use camera::TrueCamera;
 pub use lens::Lens;
 
-/// Errors are drawn normally and no larger than so many standard deviations: a camera that is mounted worse is mounted anew.
+/// Errors are drawn normally and no larger than so many standard deviations: a larger error is drawn again.
 const MOST_SIGMAS: f64 = 2.5;
 /// Terms of a lens go on for so much more than the way from the middle of the picture to its corner.
 const BEYOND: f64 = 1.1;
@@ -37,10 +37,10 @@ pub struct TruthSettings {
     pub plan: String,
     /// Another number, another world: of the rig's own seed nothing here depends on [–].
     pub seed: u64,
-    /// Where a camera stands, along each axis [mm].
+    /// Position of a camera, along each axis [mm].
     #[schemars(range(min = 0.0, max = 500.0))]
     pub position_mm: f64,
-    /// Where it looks, about each of its axes [°].
+    /// Orientation of a camera, about each of its axes [°].
     #[schemars(range(min = 0.0, max = 20.0))]
     pub direction_deg: f64,
     /// Focal length, as a part of it [–].
@@ -52,22 +52,22 @@ pub struct TruthSettings {
     /// Radial distortion of r², absolute [–].
     #[schemars(range(min = 0.0, max = 0.2))]
     pub radial: f64,
-    /// What radial terms that calibrations do not fit do at the left and right edge of the picture [px].
+    /// Effect of radial terms that calibrations do not fit, at the left and right edge of the picture [px].
     #[schemars(range(min = 0.0, max = 5.0))]
     pub high_radial_px: f64,
-    /// What a thin prism does there, which calibrations do not fit either [px].
+    /// Effect of a thin prism there, which calibrations do not fit either [px].
     #[schemars(range(min = 0.0, max = 5.0))]
     pub prism_px: f64,
     /// Tilt of the sensor behind the lens, about each of its axes [°].
     #[schemars(range(min = 0.0, max = 5.0))]
     pub sensor_tilt_deg: f64,
-    /// How the axes of a head lean [°].
+    /// Inclination of a head's axes [°].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub axes_deg: f64,
-    /// Where they are, along each axis [mm].
+    /// Position of a head's axes, along each coordinate [mm].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub axes_mm: f64,
-    /// What one step of a head's counter is, as a part of it [–].
+    /// Step size of a head's counter, as a part of it [–].
     #[schemars(range(min = 0.0, max = 0.1))]
     pub unit: f64,
 }

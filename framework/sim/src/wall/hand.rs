@@ -1,6 +1,6 @@
 //! Hands that hold pointers: where each points at a time, and whether the button is down. Pure functions of time.
 //!
-//! A way leads from place to place with least jerk. On top a hand at rest is never still: slow drift whose power falls as 1/f, and physiological tremor of 8 Hz to
+//! A path leads from place to place with least jerk. On top a hand at rest is never still: slow drift whose power falls as 1/f, and physiological tremor of 8 Hz to
 //! 12 Hz (R. Elble and W. Koller, *Tremor*, 1990), each a sum of sinusoids with phases of their own. Nine tenths of the variance are drift.
 
 use std::f64::consts::TAU;
@@ -25,7 +25,7 @@ const TREMOR_WAVES: usize = 6;
 const TREMOR_SHARE: f64 = 0.1;
 /// How far two who change places miss each other, standard deviation [m].
 const MISS_M: f64 = 0.004;
-/// How far other ways bend, relative to their length, standard deviation [–].
+/// How far other paths bend, relative to their length, standard deviation [–].
 const BEND: f64 = 0.12;
 /// The button is up at the start of each time of `press_s` for so long [s].
 const UP_S: [f64; 2] = [0.15, 0.6];

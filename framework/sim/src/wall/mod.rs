@@ -210,7 +210,7 @@ impl Wall {
         waved.chain(users)
     }
 
-    /// Where the waved pointer points: still where it is held against the wall, else with a hand that shakes, the first's.
+    /// Where the waved pointer points: still while it touches the wall, else with the hand tremor of the first user.
     fn waved(&self, wave: &Wave, time_s: f64) -> Point2<f64> {
         let (point, is_held) = wave.at(time_s);
         match self.0.hands.first() {
@@ -287,8 +287,8 @@ impl Wall {
         self.0.contents.spots(at_s).for_each(|it| lit(it.1));
     }
 
-    /// What the wall is told at `time` to show: number, light. It appears later by the display's latency.
-    pub fn told(&self, time: Time, mut each: impl FnMut(u32, WallLight)) {
+    /// What the wall is commanded to show at `time`: number, light. It appears later by the display's latency.
+    pub fn commanded(&self, time: Time, mut each: impl FnMut(u32, WallLight)) {
         if self.0.settings.dots.is_some() {
             if let Some((number, light)) = self.dot(time.as_s()) {
                 each(number, light);
@@ -360,7 +360,7 @@ impl Wall {
         Some(ShownBoard { number, first: first.into(), square: f64::from(square_px) * pixel_mm * 1e-3, corners })
     }
 
-    /// When the last dot is over, as told [s]; 0 without dots.
+    /// When the last dot ends, by its command [s]; 0 without dots.
     pub fn dots_end_s(&self) -> f64 {
         let WallSettings { tiles, dots, .. } = self.0.settings;
         dots.map_or(0.0, |it| f64::from(tiles[0] * it.grid[0]) * f64::from(tiles[1] * it.grid[1]) * it.each_ms * 1e-3)

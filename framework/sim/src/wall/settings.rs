@@ -28,9 +28,9 @@ pub struct WallSettings {
     /// People who point, each with a laser pointer [–].
     #[schemars(range(min = 0, max = 16))]
     pub users: u32,
-    /// In every second part of their ways pairs of them change places, on ways that cross in the middle [–].
+    /// In every second part of their paths, pairs of users exchange places, on paths that cross in the middle [–].
     pub cross: bool,
-    /// Length of a part of a way: from one place to the next, with least jerk (T. Flash and N. Hogan, J. Neuroscience 5(7), 1985) [s].
+    /// Duration of a part of a path: from one place to the next, with least jerk (T. Flash and N. Hogan, J. Neuroscience 5(7), 1985) [s].
     #[schemars(range(min = 0.2, max = 60.0))]
     pub part_s: f64,
     /// Half of the range in which a hand at rest moves the spot, taken as two standard deviations; the default is what B. Myers et al., "Interacting at a
@@ -56,7 +56,7 @@ pub struct WallSettings {
     /// A spot's reflection in the bezel beside it, relative to the spot; cameras on the spot's side of the bezel see it, each elsewhere [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub reflection: f64,
-    /// What white of the wall reads in a camera of gain 1 [gray level].
+    /// Gray level of the wall's white in a camera of gain 1 [gray level].
     #[schemars(range(min = 0.0, max = 500.0))]
     pub white: f64,
     /// Bright windows that move over the wall [–].
@@ -68,7 +68,7 @@ pub struct WallSettings {
     /// What the brightest of them, and dots for calibrating, read in the middle in a camera of gain 1 [gray level].
     #[schemars(range(min = 0.0, max = 500.0))]
     pub red_peak: f64,
-    /// From the moment at which the wall is told to show something to the moment at which it does [ms].
+    /// Latency from the command to show something to its appearance [ms].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub display_latency_ms: f64,
     /// Pictures that the wall shows in a second [Hz].
@@ -84,7 +84,7 @@ pub struct WallSettings {
     pub curve: Option<CurveSettings>,
     /// Where it stands in the room of the cameras, of which only those before it see it. Left out: the cameras stand in the wall's own space [–].
     pub stand: Option<StandSettings>,
-    /// How many a second are given out of the truth and of what is shown [Hz].
+    /// Rate of the truth and of what is shown [Hz].
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub truth_hz: f64,
     /// True cameras, apart from the rig's calibration. Left out: they are as the calibration says [–].

@@ -106,19 +106,19 @@ fn dot_is_rendered_where_the_camera_sees_it_and_later_by_the_displays_latency() 
     let settings = WallCameraSettings { noise_sigma: 0.0, ..WallCameraSettings::default() };
     let mut in_view = 0;
     for number in 0..72 {
-        let told_s = 0.1 * f64::from(number);
+        let at_s = 0.1 * f64::from(number);
         let mut place = None;
-        wall.told(Time::from_s(told_s + 0.001), |_, light| place = Some(light.point));
-        let place = place.expect("a dot is told at any time before the last is over");
+        wall.commanded(Time::from_s(at_s + 0.001), |_, light| place = Some(light.point));
+        let place = place.expect("a dot is commanded at any time before the last is over");
         let Some(pixel) = camera().sees(&wall.in_space(&place)) else { continue };
         if camera().image_size.iter().zip(pixel.iter()).any(|(size, at)| *at < 10.0 || *at > f64::from(*size) - 11.0) {
             continue;
         }
         in_view += 1;
-        let image = picture(&wall, told_s + 0.08, &settings);
+        let image = picture(&wall, at_s + 0.08, &settings);
         let off = (middle(&image, 20) - pixel).norm();
         assert!(off < 0.02, "dot {number}: {off} px");
-        let early = picture(&wall, told_s + 0.02, &settings);
+        let early = picture(&wall, at_s + 0.02, &settings);
         assert!((middle(&early, 20) - pixel).norm().is_nan() || (middle(&early, 20) - pixel).norm() > 5.0);
     }
     assert!(in_view >= 6, "{in_view} dots in view");
@@ -165,14 +165,14 @@ fn board_is_found_where_the_wall_shows_it() {
     let mut found = 0;
     for number in 0..32 {
         let time = Time::from_s(0.05 + 0.1 * f64::from(number));
-        let mut told = Vec::new();
-        wall.told(time, |label, light| told.push((label, light.point)));
-        assert_eq!(told.len(), 28);
+        let mut commanded = Vec::new();
+        wall.commanded(time, |label, light| commanded.push((label, light.point)));
+        assert_eq!(commanded.len(), 28);
         let image = picture(&wall, time.as_s(), &WallCameraSettings::default());
         let view = foveate_imaging::ImageView::new(&image.pixels, 640, 480).unwrap();
         let Some(corners) = foveate_imaging::chessboard::find_chessboard(&view, 7, 4) else { continue };
         found += 1;
-        for ((label, point), corner) in told.iter().zip(&corners) {
+        for ((label, point), corner) in commanded.iter().zip(&corners) {
             let pixel = camera().project(&wall.in_space(point)).unwrap();
             assert!((pixel - corner.centre).norm() < 0.15, "corner {label}: {} for {pixel}", corner.centre);
         }

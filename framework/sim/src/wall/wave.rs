@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 
 /// From one place to the next [s].
 const MOVE_S: f64 = 1.2;
-/// Ways to and fro along x and y, no whole number of one in the other: in time they cover the wall [s].
+/// Periods of the sweeps along x and y, not multiples of one another: in time they cover the wall [s].
 const PERIODS_S: [f64; 2] = [7.3, 3.1];
-/// Slower swings of where these ways are [s], and their share.
+/// Slower swings of the centre of these sweeps [s], and their share.
 const SLOW_S: [f64; 2] = [23.0, 17.0];
 const SLOW_SHARE: f64 = 0.12;
 
@@ -19,7 +19,7 @@ const SLOW_SHARE: f64 = 0.12;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct WaveSettings {
-    /// Places at which it is held against the wall before it is waved. Left out: its four corners, clockwise from the upper left [m].
+    /// Places at which it touches the wall before it is waved. Left out: its four corners, clockwise from the upper left [m].
     pub touch_m: Vec<[f64; 2]>,
     /// How long at each [s].
     #[schemars(range(min = 0.1, max = 60.0))]

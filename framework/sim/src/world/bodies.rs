@@ -1,4 +1,4 @@
-//! Whose bodies people have: the built-in one, or those of recordings, each with its part of the area.
+//! The bodies of people: the built-in one, or those of recordings, each with its part of the area.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::person::{RecordedBody, WholeBody};
 /// Between the parts of the area that belong to people who go where a recording goes [m].
 const APART_M: f64 = 0.5;
 
-/// Whose movements a body has.
+/// Source of a body's motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BodySource {
@@ -48,7 +48,7 @@ pub struct BodySettings {
     /// the built-in walk. `whole`: the person as recorded, of that size, with that way, in a part of `walk_area_m`; any axis may be up, half a second is enough, and where end
     /// and beginning are not alike it goes to and fro [–]
     pub motion: BodyMotion,
-    /// With `motion = "whole"`: metres that one unit of length of the files is; it may make somebody of 0.5 to 2.6 m. 0: found among the units in use by how tall the person is, 1.4 to 2.1 m before others [m].
+    /// With `motion = "whole"`: metres that one unit of length of the files is; the person may become 0.5 to 2.6 m tall. 0: inferred among the units in use from how tall the person is, 1.4 to 2.1 m before others [m].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub unit_m: f64,
     /// With `motion = "whole"`: which axis of the files points up; `auto`: found [–]
@@ -87,9 +87,9 @@ impl UpAxis {
 /// What a recording makes of a person.
 #[derive(Debug, Clone)]
 pub enum Body {
-    /// Somebody on the way of `walk` whose limbs move so.
+    /// A person on the path of `walk` whose limbs move as recorded.
     Limbs(Arc<RecordedBody>),
-    /// Somebody as recorded.
+    /// A person as recorded.
     Whole(Arc<WholeBody>),
 }
 

@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Ways are drawn for so long; afterwards the lights rest [s].
+/// Paths are drawn for so long; afterwards the lights rest [s].
 const DRAWN_S: f64 = 900.0;
 /// So many places are drawn to go to next, until one is far enough for the light to reach its speed.
 const MOST_TRIED: usize = 32;
@@ -27,13 +27,13 @@ pub struct DartSettings {
     /// Acceleration with which they start, turn and stop; at 100 m/s² a light of 5 m/s stops in 50 ms, within 125 mm [m/s²].
     #[schemars(range(min = 0.1, max = 10_000.0))]
     pub acceleration_m_s2: f64,
-    /// Part of the ways that end at rest; the others go over into the next way at full speed [–].
+    /// Part of the paths that end at rest; the others continue into the next path at full speed [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub stops: f64,
     /// How long a light rests at most; drawn evenly from 0 on [s].
     #[schemars(range(min = 0.0, max = 60.0))]
     pub rest_s: f64,
-    /// Corner of the box in which ways begin and end, with the least coordinates; turns and stops reach past it by up to v²/a [m].
+    /// Corner of the box in which paths begin and end, with the least coordinates; turns and stops reach past it by up to v²/a [m].
     pub min_m: [f64; 3],
     /// Corner with the greatest coordinates [m].
     pub max_m: [f64; 3],
@@ -146,7 +146,7 @@ impl Dart {
         self.0[self.0.len() - 1]
     }
 
-    /// Goes on as it does for `lasts_s`, and then without acceleration.
+    /// Keeps its acceleration for `lasts_s`, and then has none.
     fn go_on(&mut self, lasts_s: f64) {
         let last = self.end();
         let begins_s = last.begins_s + lasts_s;

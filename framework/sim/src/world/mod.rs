@@ -1,6 +1,6 @@
 //! The simulated world: people with LEDs, and all that a camera may mistake for them.
 //!
-//! A [`World`] is a pure function of time and of its seed. Whatever happens at random (a window that opens on a monitor, a
+//! A [`World`] is a pure function of time and of its seed. Each random event (a window that opens on a monitor, a
 //! glint in one lens) is drawn by the number of the event, so any camera may be asked at any time, in any order.
 //!
 //! Brightness is in gray levels of a camera with gain 1.
@@ -52,9 +52,9 @@ pub enum WalkKind {
     /// One behind the other on a closed path.
     #[default]
     Round,
-    /// Each other's ways crossing closely.
+    /// On paths that cross closely.
     Crowd,
-    /// One actor, who comes in, stands for `stand_s` facing +Y, and then walks to and fro along X, the face towards +Y nearly always.
+    /// One actor, who comes in, stays for `stand_s` facing +Y, and then walks to and fro along X, the face towards +Y nearly always.
     Stage,
 }
 
@@ -65,22 +65,22 @@ pub struct SceneSettings {
     /// People who walk about, each with eight LEDs; more than four walk in a `crowd` only [–].
     #[schemars(range(min = 0, max = 32))]
     pub people: usize,
-    /// Whether they follow each other on one round, all there from one moment to the next, cross each other's ways in a crowd,
+    /// Whether they follow each other on one round, all there from one moment to the next, cross each other's paths in a crowd,
     /// which they walk into from outside, or one of them acts on a stage: stands facing +Y, then walks to and fro along X [–].
     pub walk: WalkKind,
     /// Extents along x and y of the area that they walk about in, its middle at the origin [m].
     #[schemars(inner(range(min = 1.0, max = 200.0)))]
     pub walk_area_m: [f64; 2],
-    /// In a crowd: how near two people may come to each other, middle to middle; they make use of it [m].
+    /// In a crowd: least distance between two people, centre to centre; they do come that close [m].
     #[schemars(range(min = 0.4, max = 10.0))]
     pub closest_m: f64,
     /// When they come in, or in a crowd the first of them: before, the empty room lets detectors learn what it looks like [s].
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub people_enter_s: f64,
-    /// In a crowd: how long somebody stays, at least, before walking out again; 0: for good [s].
+    /// In a crowd: how long a person stays, at least, before walking out again; 0: for good [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub stay_s: f64,
-    /// In a crowd: how long somebody who walked out stays away, at least; 0: for good. Who comes again has new targets [s].
+    /// In a crowd: how long a person who walked out stays away, at least; 0: for good. Persons who return have new targets [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub away_s: f64,
     /// On a `stage`: how long the actor stands, which begins 2.5 s after coming in [s].
@@ -89,14 +89,14 @@ pub struct SceneSettings {
     /// On a `stage`: from one end to the other, along X, its middle at the origin [m].
     #[schemars(range(min = 0.2, max = 20.0))]
     pub stage_m: f64,
-    /// How fast they walk on average; they slow down in turns [m/s].
+    /// Mean walking speed; they slow down in turns [m/s].
     #[schemars(range(min = 0.1, max = 2.0))]
     pub speed_m_s: f64,
-    /// What the middle of a LED's spot would reach, seen along its normal from 3 m with gain 1; above 255 it saturates
+    /// Peak of a LED's spot, seen along its normal from 3 m with gain 1; above 255 it saturates
     /// [gray level].
     #[schemars(range(min = 0.0, max = 5000.0))]
     pub led_peak: f64,
-    /// How much light floor and display throw back like mirrors, seen straight on; at an angle they throw back more. LEDs then
+    /// Reflectance of floor and display as mirrors, seen straight on; at an angle they reflect more. LEDs then
     /// show up a second and a third time; 0: nothing shines [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub reflections: f64,
@@ -109,7 +109,7 @@ pub struct SceneSettings {
     /// Mean time between two changes of one window on a monitor [s].
     #[schemars(range(min = 0.05, max = 3600.0))]
     pub window_change_s: f64,
-    /// How often the truth is told [Hz].
+    /// Rate of the truth [Hz].
     #[schemars(range(min = 1.0, max = 10_000.0))]
     pub truth_hz: f64,
     /// Short glints, each in one camera only: how many a second and camera [Hz].
@@ -121,7 +121,7 @@ pub struct SceneSettings {
     pub headband: bool,
     /// Movements of the people's bodies from a recording, such as `{ file = "${FOVEATE_DATA}/s18_bvh/131_03.bvh" }`. Left out: a walk that is built in [–]
     pub body: Option<BodySettings>,
-    /// In place of people, somebody unseen waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
+    /// In place of people, an invisible hand waves one light that shines to all sides, to calibrate with: from `people_enter_s` on it
     /// is held on the floor at the origin, 1 m along X and 1 m along Y, then it goes all about `walk_area_m`, unless `wave` says otherwise [–]
     pub waved_light: bool,
     /// Where a `waved_light` is held and waved, and how fast [–].
@@ -139,7 +139,7 @@ pub struct SceneSettings {
     pub studio: Option<StudioSettings>,
     /// In place of people, an arm that bends and turns, bare or in a sweater, in a `studio`, which need not be named. Left out: there is none [–]
     pub arm: Option<ArmSettings>,
-    /// The true cameras and heads, apart from what the rig's calibration says of them. Left out: the calibration is the truth [–]
+    /// The true cameras and heads, which differ from the rig's calibration. Left out: the calibration is the truth [–]
     pub truth: Option<TruthSettings>,
 }
 
@@ -202,7 +202,7 @@ struct Scene {
     people: Vec<Person>,
     spots: Vec<BrightSpot>,
     monitors: Vec<Monitor>,
-    /// Of each monitor: asked for along every line of sight.
+    /// Of each monitor: read along every line of sight.
     monitor_normals: Vec<Vector3<f64>>,
     /// Lights by themselves, in place of people.
     singles: Vec<Single>,
@@ -223,11 +223,11 @@ impl Message for World {
 /// A LED at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// Whose it is.
+    /// Its target.
     pub id: TargetId,
     /// Where it is [m].
     pub position: Point3<f64>,
-    /// Brightness at 3 m in the direction asked for [gray level].
+    /// Brightness at 3 m in the requested direction [gray level].
     pub brightness: f64,
 }
 
@@ -303,7 +303,7 @@ impl SceneSettings {
 }
 
 impl World {
-    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. No file is looked for: face and bodies are
+    /// The world of these settings; out-of-range values are taken as they are. Same seed, same world. No file is read: face and bodies are
     /// built-in ones, and there is no [`SceneSettings::light_path`]; see [`Self::with_recordings`].
     pub fn new(settings: SceneSettings, random: &Random) -> Self {
         Self::with_recordings(settings, Recordings::default(), random)
@@ -389,7 +389,7 @@ impl World {
         (self.0.people.len() * N_LEDS + usize::from(self.0.settings.has_knee())) as u32
     }
 
-    /// The true eyes, left and right, of who wears the headband, at `time`; `None` where nobody does or is there [m].
+    /// The true eyes, left and right, of the person with the headband, at `time`; `None` without one [m].
     pub fn eyes(&self, time: Time) -> Option<[Point3<f64>; 2]> {
         let band = self.0.headband.as_ref()?;
         let (_, person) = self.people_at(time).next()?;
@@ -583,7 +583,7 @@ impl Moment {
         self.lights_towards(eye, led_peak).filter(|it| !self.occluded(eye, &it.position))
     }
 
-    /// As [`Self::lights_seen_from`], with those that a body part hides: whoever needs only a few asks [`Self::occluded`] of them.
+    /// As [`Self::lights_seen_from`], with those that a body part hides: a caller that needs only a few checks these with [`Self::occluded`].
     pub fn lights_towards<'s>(&'s self, eye: &'s Point3<f64>, led_peak: f64) -> impl Iterator<Item = Light> + 's {
         let of_people = self.leds().filter_map(move |(id, led)| {
             let brightness = led_peak * led.emission_towards(eye);
@@ -627,7 +627,7 @@ impl Moment {
         worn.chain(self.knee).chain(self.headband.into_iter().flat_map(on_band))
     }
 
-    /// Whether somebody's body lies between `eye` and `point` [m].
+    /// Whether a person's body lies between `eye` and `point` [m].
     pub fn occluded(&self, eye: &Point3<f64>, point: &Point3<f64>) -> bool {
         self.poses.iter().any(|pose| pose.occluded(eye, point))
     }

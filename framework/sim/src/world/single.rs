@@ -173,7 +173,7 @@ impl LightPath {
 /// What one light does.
 #[derive(Debug, Clone)]
 pub(super) enum Single {
-    /// As somebody waves it to calibrate.
+    /// As a person waves it to calibrate.
     Waved(Wave),
     Swung(SwingSettings),
     Path(LightPath),

@@ -1,4 +1,4 @@
-//! One light on a stick, as somebody waves it to calibrate a room: held still at some places, then all about the volume.
+//! One light on a stick, as a person waves it to calibrate a room: held still at some places, then all about the volume.
 
 use foveate_node::ConfigError;
 use nalgebra::Point3;
@@ -25,7 +25,7 @@ pub struct WaveSettings {
     pub min_m: Option<[f64; 3]>,
     /// Corner with the greatest coordinates [m].
     pub max_m: Option<[f64; 3]>,
-    /// Turns a second along x, y and z; in a large box they are to be slow, for nobody runs [Hz].
+    /// Cycles a second along x, y and z; they should be slow in a large box, since people do not run [Hz].
     #[schemars(inner(range(min = 0.001, max = 5.0)))]
     pub turns_hz: [f64; 3],
 }

@@ -1,4 +1,4 @@
-//! A small lab with known truth: cameras under the ceiling, lights that move, and all that a real lab has against them: noise,
+//! A small lab with known truth: cameras under the ceiling, moving lights, and the disturbances of a real lab: noise,
 //! clutter, lights hidden from one camera or from all, spots that melt into one, clocks that disagree, links that are late,
 //! cameras that are slow, lose frames or fail.
 //!
@@ -47,7 +47,7 @@ pub struct Lab {
     pub seed: u64,
 }
 
-/// What is particular about one camera.
+/// Deviations of one camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Conditions {
     /// Only each (this + 1)-th frame is taken: 1 makes a camera of 60 Hz one of 30 Hz.
@@ -66,7 +66,7 @@ pub struct Conditions {
     pub dead_s: Option<[f64; 2]>,
 }
 
-/// Lights that nobody sees for a while, each at its own times.
+/// Lights that no camera sees for a while, each at its own times.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Occlusions {
     /// One episode a light in each span of this length, at a random moment of it [s].
@@ -89,7 +89,7 @@ pub struct Frame {
 }
 
 impl Lab {
-    /// `n_cameras` of [`cameras`] at 60 Hz, unsynchronised, 0.3 px of noise, nothing against them. Seed 1.
+    /// `n_cameras` of [`cameras`] at 60 Hz, unsynchronised, 0.3 px of noise, no disturbances. Seed 1.
     pub fn new(n_cameras: usize) -> Self {
         Self {
             cameras: cameras(n_cameras),

@@ -1,7 +1,7 @@
-//! How a tracker did against the truth: identities, misses, false targets, errors, honesty.
+//! Score of a tracker against the truth: identities, misses, false targets, errors, consistency.
 
 use foveate_estimation::gospa::SetDistance;
-use foveate_estimation::identities::{Identities, Somebody};
+use foveate_estimation::identities::{Identified, Identities};
 use foveate_estimation::statistics;
 use foveate_messages::{Features, Provenance, TargetId, Targets, Time};
 use nalgebra::{Matrix3, Point3};
@@ -96,8 +96,8 @@ pub struct Scorer {
     squares: f64,
     honesty: f64,
     n_measured: usize,
-    truth: Vec<Somebody>,
-    found: Vec<Somebody>,
+    truth: Vec<Identified>,
+    found: Vec<Identified>,
     points: [Vec<Point3<f64>>; 2],
 }
 

@@ -43,7 +43,7 @@ impl Message for Number {
     }
 }
 
-/// Makes the nodes of this module known.
+/// Registers the nodes of this module.
 pub fn register(registry: &mut Registry) {
     registry.add::<Counter>();
     registry.add::<Relay>();

@@ -1,4 +1,4 @@
-//! A real camera: opened, set and asked for pictures through the crate `v4l`.
+//! A real camera, opened, configured and read through the crate `v4l`.
 
 use std::fmt::Write;
 use std::io::ErrorKind;
@@ -23,11 +23,11 @@ use super::pixels::{in_letters, readable};
 use super::settings::V4lSettings;
 use super::{controls, offer::choose};
 
-/// Where devices stand, and where links with lasting names to them.
+/// Where devices are, and where the links with lasting names to them are.
 const DEVICES: &str = "/dev";
 const LINKS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
-/// A camera and what a rig wants of it.
+/// A camera and its settings in the rig.
 pub(crate) struct Camera {
     path: PathBuf,
     settings: V4lSettings,
@@ -47,7 +47,7 @@ impl Camera {
         let device = open(&self.path).map_err(|fault| {
             let others = devices().into_iter().map(|it| format!("`{}`", it.display())).collect::<Vec<_>>();
             let there = if others.is_empty() { "no video device".to_owned() } else { others.join(", ") };
-            ConfigError::at("device", format_args!("`{}` {fault}; there is {there}", self.path.display()))
+            ConfigError::at("device", format_args!("`{}` {fault}; found {there}", self.path.display()))
         })?;
         let layout = self.set_format(&device)?;
         self.set_controls(&device)?;
@@ -73,7 +73,7 @@ impl Camera {
         if given.fourcc.repr != fourcc || [given.width, given.height] != size {
             let (found, letters) = (in_letters(given.fourcc.repr), in_letters(fourcc));
             let message = format!(
-                "asked for `{letters}` {} x {} px, the device made `{found}` {} x {} px of it",
+                "requested `{letters}` {} x {} px, the device set `{found}` {} x {} px",
                 size[0], size[1], given.width, given.height
             );
             return Err(ConfigError::at("width", message));
@@ -97,10 +97,10 @@ impl Camera {
         let is_known = seconds.is_finite() && seconds > 0.0;
         if let Some(asked_hz) = self.settings.rate_hz {
             let found = match &given {
-                Err(error) => Some(format!("the device takes no rate: {error}")),
-                Ok(_) if !is_known => Some("the device does not say its rate".to_owned()),
+                Err(error) => Some(format!("the device accepts no rate: {error}")),
+                Ok(_) if !is_known => Some("the device does not report its rate".to_owned()),
                 Ok(_) if is_same_rate(asked_hz, 1.0 / seconds) => None,
-                Ok(_) => Some(format!("asked for {asked_hz} Hz, the device made {:.3} Hz of it", 1.0 / seconds)),
+                Ok(_) => Some(format!("requested {asked_hz} Hz, the device set {:.3} Hz", 1.0 / seconds)),
             };
             if let Some(found) = found {
                 return Err(ConfigError::at("rate_hz", found));
@@ -168,11 +168,11 @@ fn trouble(step: &str, error: &std::io::Error) -> Trouble {
     }
 }
 
-/// A call into the crate `v4l`, which panics where a driver says what it does not know.
+/// A call into the crate `v4l`, which panics where a driver answers with an unknown value.
 fn careful<T>(call: impl FnOnce() -> std::io::Result<T>) -> Result<T, String> {
     match catch_unwind(AssertUnwindSafe(call)) {
         Ok(result) => result.map_err(|error| error.to_string()),
-        Err(_) => Err("the driver answers what the crate `v4l` cannot read".to_owned()),
+        Err(_) => Err("the driver's answer cannot be read by the crate `v4l`".to_owned()),
     }
 }
 

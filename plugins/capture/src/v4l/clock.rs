@@ -2,7 +2,7 @@
 
 use foveate::prelude::*;
 
-/// A stamp this much before its arrival is none of this clock [ns].
+/// A stamp earlier than its arrival by more than this is of another clock [ns].
 const OLDEST: i64 = 10_000_000_000;
 /// A stamp may be this much after its arrival: some drivers hand a picture over before the end of the frame that they stamp [ns].
 const NEWEST: i64 = 1_000_000_000;

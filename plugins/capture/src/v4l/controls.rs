@@ -1,4 +1,4 @@
-//! What a camera lets be set by name, and the settings of a rig as values for it.
+//! The controls of a camera by name, and the rig's settings as values of controls.
 
 use std::fmt::Write;
 
@@ -90,7 +90,7 @@ pub(crate) fn plan(settings: &V4lSettings, controls: &[Control]) -> Result<Vec<(
         let control =
             controls.iter().find(|it| it.is_named(name)).ok_or_else(|| missing(&setting, "that", controls))?;
         if !control.can_be_set {
-            return Err(ConfigError::at(&setting, "the device shows this control, but does not let it be set"));
+            return Err(ConfigError::at(&setting, "the device has this control, but it is read-only"));
         }
         let entry = (control.id, control.value_of(&setting, value)?);
         // Switches and menus decide whether a number counts.
@@ -103,7 +103,7 @@ pub(crate) fn plan(settings: &V4lSettings, controls: &[Control]) -> Result<Vec<(
 fn missing(setting: &str, what: &str, controls: &[Control]) -> ConfigError {
     let names: Vec<_> = controls.iter().filter(|it| it.can_be_set).map(|it| format!("`{}`", it.name)).collect();
     let offered = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
-    ConfigError::at(setting, format_args!("the device has no control for {what}; it lets these be set: {offered}"))
+    ConfigError::at(setting, format_args!("the device has no control for {what}; found these: {offered}"))
 }
 
 /// Letters and digits alone: `Power Line Frequency` and `power_line_frequency` are one name.
@@ -235,14 +235,14 @@ mod tests {
         assert_eq!(message, "found 7, the device takes 0 `Disabled`, 1 `50 Hz`, 2 `60 Hz`");
         assert!(refused("controls = { 'power line frequency' = '70 Hz' }").1.contains("`70 Hz`"));
         assert!(refused("controls = { Zoom = 1 }").1.contains("`Gain`, `Gain, Automatic`"));
-        assert!(refused("controls = { 'Temperature of the chip' = 1 }").1.contains("does not let it be set"));
+        assert!(refused("controls = { 'Temperature of the chip' = 1 }").1.contains("read-only"));
         let step = refused("controls = { 'White Balance Temperature' = 4005 }").1;
         assert_eq!(step, "found 4005, the device takes 2800 to 6500 in steps of 10");
         assert!(refused("controls = { 'White Balance, Automatic' = 2 }").1.contains("true or false"));
         assert_eq!(refused("gain = 300"), ("gain".to_owned(), "found 300, the device takes 0 to 255".to_owned()));
         assert_eq!(refused("exposure_us = 100").1, "found 100, the device takes 300 to 204700 us");
         let nothing = plan(&crate::v4l::tests::settings("exposure_us = 100"), &[]).unwrap_err();
-        assert!(nothing.message.ends_with("it lets these be set: nothing"), "{nothing}");
+        assert!(nothing.message.ends_with("found these: nothing"), "{nothing}");
     }
 
     #[test]

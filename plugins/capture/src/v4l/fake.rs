@@ -52,7 +52,7 @@ pub(crate) struct Fake {
     pub(crate) keeps_time: bool,
     is_open: bool,
     is_streaming: bool,
-    /// What was asked of it.
+    /// The calls that were made.
     pub(crate) log: Arc<Mutex<Vec<&'static str>>>,
 }
 
@@ -111,7 +111,7 @@ impl Device for Fake {
     }
 
     fn next(&mut self, wait: Duration, read: &mut dyn FnMut(&Filled, &[u8])) -> Result<bool, Trouble> {
-        assert!(self.is_streaming, "asked for a picture while not streaming");
+        assert!(self.is_streaming, "a picture was requested while not streaming");
         let act = self.script.pop_front();
         let arrived = matches!(act, Some(Act::Frame | Act::Bytes(_) | Act::Damaged | Act::Unstamped));
         if arrived {

@@ -19,9 +19,9 @@ use super::device::Filled;
 
 const CAPTURE: u32 = sys::v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
 const MMAP: u32 = sys::v4l2_memory_V4L2_MEMORY_MMAP;
-/// Pause where a driver says that there is something and gives nothing.
+/// Pause where a driver announces a picture and delivers none.
 const NOTHING_PAUSE: Duration = Duration::from_millis(2);
-/// Items of a menu that are asked for at most.
+/// Most items of a menu that are queried.
 const ITEMS: i64 = 256;
 
 /// A struct of the kernel's interface: plain C data without references, for which all bytes zero is a value.
@@ -246,7 +246,7 @@ fn control(handle: &Handle, query: &sys::v4l2_query_ext_ctrl) -> Control {
     }
 }
 
-/// The items of a menu; numbers that stand for nothing are left out.
+/// The items of a menu; numbers without an item are left out.
 fn items(handle: &Handle, query: &sys::v4l2_query_ext_ctrl, of_numbers: bool) -> Vec<(u32, String)> {
     let last = query.maximum.min(query.minimum.saturating_add(ITEMS));
     let numbers = (query.minimum..=last).filter_map(|it| u32::try_from(it).ok());

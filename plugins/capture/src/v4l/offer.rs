@@ -1,4 +1,4 @@
-//! What a camera offers in layouts, sizes and rates, and which of it a rig asks for.
+//! What a camera offers in layouts, sizes and rates, and which of them a rig selects.
 
 use std::fmt::Write;
 
@@ -7,7 +7,7 @@ use foveate::prelude::ConfigError;
 use super::device::FourCc;
 use super::pixels::in_letters;
 
-/// A rate counts as the one that was asked for when it is that near, relative.
+/// A rate within this of the requested one counts as equal, relative.
 const SAME_RATE: f64 = 0.01;
 
 /// One pixel layout of a camera.
@@ -40,7 +40,7 @@ pub(crate) enum Rates {
     Unknown,
 }
 
-/// What is asked of a camera.
+/// The requested format of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Wanted {
     /// Layouts that will do, the best first.
@@ -54,7 +54,7 @@ fn rate(interval: [u32; 2]) -> f64 {
     f64::from(interval[1]) / f64::from(interval[0].max(1))
 }
 
-/// Whether a device that was asked for one rate gave the same.
+/// Whether the given rate equals the requested one.
 pub(crate) fn is_same_rate(asked_hz: f64, given_hz: f64) -> bool {
     (given_hz - asked_hz).abs() <= SAME_RATE * asked_hz
 }
@@ -101,7 +101,7 @@ impl Rates {
         match self {
             Rates::Only(list) => format!("{} Hz", list.iter().map(|&it| hz(it)).collect::<Vec<_>>().join(", ")),
             Rates::Between(short, long) => format!("{} to {} Hz", hz(*long), hz(*short)),
-            Rates::Unknown => "rates not told".to_owned(),
+            Rates::Unknown => "rates not reported".to_owned(),
         }
     }
 }

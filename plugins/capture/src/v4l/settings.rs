@@ -24,18 +24,18 @@ pub struct V4lSettings {
     #[serde(default)]
     #[schemars(range(min = 1, max = 65535))]
     pub height: Option<u32>,
-    /// Pixel layout that the device is asked for, by its four letters: `GREY`, `YUYV`, `UYVY`, `MJPG`, `RGB3`, `BGR3`,
-    /// `Y10`, `Y12`, `Y16`; `auto`: the one that is read with least work among those that have the size and the rate [–]
+    /// Requested pixel layout of the device, by its four letters: `GREY`, `YUYV`, `UYVY`, `MJPG`, `RGB3`, `BGR3`,
+    /// `Y10`, `Y12`, `Y16`; `auto`: the cheapest to decode among those with the size and the rate [–]
     #[serde(default = "default_device_format")]
     pub device_format: String,
-    /// What the pictures are turned into [–]
+    /// Format that pictures are converted to [–]
     #[serde(default)]
     pub format: Format,
-    /// Pictures a second; left out: as the device is set [Hz]
+    /// Frame rate; left out: as the device is set [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.01, max = 100000.0))]
     pub rate_hz: Option<f64>,
-    /// Exposure of each picture; 0: the device finds one itself; left out: as the device is set [us]
+    /// Exposure of each picture; 0: automatic exposure; left out: as the device is set [us]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000000.0))]
     pub exposure_us: Option<f64>,
@@ -46,21 +46,21 @@ pub struct V4lSettings {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(extend("default" = {}))]
     pub controls: BTreeMap<String, ControlValue>,
-    /// Buffers that the driver fills in turn: with more of them a slow reader loses fewer pictures [–]
+    /// Buffers that the driver fills in turn: more of them let a slow reader lose fewer pictures [–]
     #[serde(default = "default_buffers")]
     #[schemars(range(min = 2, max = 32))]
     pub buffers: u32,
-    /// Without a picture for so long the stream is started again [ms]
+    /// Time without a picture after which the stream is started again [ms]
     #[serde(default = "default_timeout_ms")]
     #[schemars(range(min = 20.0, max = 600000.0))]
     pub timeout_ms: f64,
-    /// By how much the driver's time stamp is later than the middle of the exposure; taken off it [ms]
+    /// Delay of the driver's time stamp after the middle of the exposure; subtracted [ms]
     #[serde(default)]
     #[schemars(range(min = -1000.0, max = 1000.0))]
     pub stamp_delay_ms: f64,
 }
 
-/// What a control is set to.
+/// Value of a control.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum ControlValue {
@@ -85,7 +85,7 @@ fn default_timeout_ms() -> f64 {
 }
 
 impl V4lSettings {
-    /// What ranges alone cannot say is left to the device.
+    /// Checks what can be checked without the device.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
         for (name, side) in [("width", self.width), ("height", self.height)] {
             ConfigError::unless_in(name, side.unwrap_or(1), 1..=65_535)?;
@@ -98,7 +98,7 @@ impl V4lSettings {
         ConfigError::unless_in("stamp_delay_ms", self.stamp_delay_ms, -1000.0..=1000.0)
     }
 
-    /// The layout that is asked for; `None`: any.
+    /// The requested layout; `None`: any.
     pub(crate) fn fourcc(&self) -> Result<Option<FourCc>, ConfigError> {
         let name = self.device_format.as_str();
         if name == "auto" {

@@ -1,4 +1,4 @@
-//! A camera's pictures one after the other, whatever happens to the camera.
+//! The pictures of one camera, with recovery from its failures.
 //!
 //! | what happens | what is done | what the rig sees |
 //! |---|---|---|
@@ -7,8 +7,8 @@
 //! | no picture for `timeout_ms`, or an error of the driver (EIO) | the stream is started again, ¹ | a gap with the reason, ² |
 //! | the camera disappears (ENODEV) | it is opened again, ever more slowly, at least every two seconds | a gap with the reason, ² |
 //!
-//! ¹ At the third time without a picture in between, the camera is opened anew.
-//! ² At the next picture, one more for each frame that the time would have held.
+//! ¹ At the third time without a picture in between, the camera is opened again.
+//! ² At the next picture, one more for each frame that is missing in that time.
 //!
 //! No clock but the device's, no thread, no sleep: [`Stream::step`] says how long to pause.
 
@@ -28,15 +28,15 @@ const WAIT: Duration = Duration::from_millis(50);
 /// First and longest pause before a camera is tried again.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// Starts without a picture after which the camera is opened anew.
+/// Starts without a picture after which the camera is opened again.
 const STARTS_BEFORE_OPENING: u32 = 3;
 /// Frames left out in one place that are each counted as a gap; a longer pause counts as so many.
 const GAPS_AT_ONCE: u64 = 1000;
 
-/// One thing that came of a camera.
+/// One event of a camera.
 #[derive(Debug)]
 pub(crate) struct Turn {
-    /// When it was seen and when it came, on the device clock [ns].
+    /// Capture and arrival on the device clock [ns].
     pub(crate) stamp: i64,
     pub(crate) arrival: i64,
     pub(crate) what: What,
@@ -57,7 +57,7 @@ pub(crate) struct Lost {
     pub(crate) reason: String,
 }
 
-/// What a step came to.
+/// Result of a step.
 #[derive(Debug)]
 pub(crate) enum Step {
     Turn(Turn),
@@ -117,7 +117,7 @@ struct Reading {
 
 struct Outage {
     reason: String,
-    /// Gaps that were told of already.
+    /// Gaps that were reported already.
     told: u64,
     /// Attempts to start since.
     starts: u32,
@@ -152,7 +152,7 @@ impl Stream {
         Arc::clone(&self.clock)
     }
 
-    /// Goes on: waits a little for a picture, or does what has to be done before there can be one.
+    /// Advances: waits shortly for a picture, or does what is needed before there can be one.
     pub(crate) fn step(&mut self) -> Step {
         match self.state {
             State::Closed => match self.device.open() {
@@ -288,7 +288,7 @@ fn missed(last: Option<i64>, stamp: i64, period: Option<i64>) -> u64 {
 impl Reading {
     fn read(&mut self, layout: &Layout, filled: &Filled, bytes: &[u8]) -> Result<Arc<Image>, String> {
         if filled.damaged {
-            return Err("is damaged, the driver says".to_owned());
+            return Err("is marked as damaged by the driver".to_owned());
         }
         let mut image = self.pool.take(Image::default);
         let bytes = &bytes[..filled.used.min(bytes.len())];

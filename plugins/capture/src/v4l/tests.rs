@@ -31,12 +31,10 @@ fn settings_that_no_camera_could_take_are_refused_before_a_run() {
     assert_eq!(setting, "device_format");
     assert!(message.contains("`H264`, expected `auto` or one of `GREY`"), "{message}");
     let (setting, message) = refused("height = 720", &setup);
-    assert_eq!(
-        (setting.as_str(), message.as_str()),
-        ("height", "found 720, the calibration of this camera is for 480 [px]")
-    );
-    let nobody = Setup { camera: None, ..setup };
-    assert!(refused("", &nobody).1.contains("each"));
+    assert_eq!(setting, "height");
+    assert!(message.contains("found 720, expected 480"), "{message}");
+    let no_camera = Setup { camera: None, ..setup };
+    assert!(refused("", &no_camera).1.contains("each"));
 }
 
 #[test]
@@ -61,7 +59,6 @@ fn device_that_is_not_there_or_is_none_is_refused_with_those_that_are() {
         let refused = V4l::new(settings, &setup_with_camera([2, 2])).map(|_| ()).unwrap_err();
         assert_eq!(refused.setting.as_deref(), Some("device"));
         assert!(refused.message.contains(path) && refused.message.contains(what), "{refused}");
-        assert!(refused.message.contains("there is "), "{refused}");
     }
     assert!(describe_devices().is_ok());
 }
@@ -158,7 +155,7 @@ impl Node for Troubled {
 
 #[test]
 fn live_run_has_a_gap_for_each_frame_that_is_missing_and_goes_on() {
-    use foveate::{engine, rig};
+    use foveate_embed::{engine, rig};
 
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
@@ -175,7 +172,7 @@ fn live_run_has_a_gap_for_each_frame_that_is_missing_and_goes_on() {
     let outcome = engine::live(graph.into(), &engine::Options::default(), &mut |_| {}).unwrap();
     let count =
         |reason: &str| -> u64 { outcome.gaps.iter().filter(|it| it.reason.contains(reason)).map(|it| it.count).sum() };
-    assert_eq!((count("the driver lost"), count("is damaged")), (3, 1), "{:?}", outcome.gaps);
+    assert_eq!((count("the driver lost"), count("damaged")), (3, 1), "{:?}", outcome.gaps);
     assert!(count("the camera is gone") >= 3, "the gap itself, and the frames of its absence: {:?}", outcome.gaps);
     let figure = |name: &str| outcome.report.figures[&format!("v4l.{name}.gray")];
     assert_eq!((figure("reopenings"), figure("lost_by_driver"), figure("unusable")), (1.0, 3.0, 1.0));

@@ -1,20 +1,20 @@
-//! Dots that a wall shows, one at a time, as targets of the room: which target is which dot is told by when it was there.
+//! Dots that a wall shows, one at a time, as targets of the room: a target's dot is identified by the time at which it was seen.
 
 use foveate::prelude::*;
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::pose::Touch;
 
-/// Errors of a tracker are the same for a while: so many samples of a dot count as one.
+/// Errors of a tracker are correlated: this many samples of a dot count as one.
 const CORRELATED: f64 = 10.0;
-/// A dot is seen as often as this at least.
+/// Fewest samples of a dot.
 const LEAST_SAMPLES: usize = 5;
 
-/// Dots, in the order in which they were asked for.
+/// Dots, in the order in which they were requested.
 #[derive(Debug, Default)]
 pub(super) struct Dots {
     all: Vec<Dot>,
-    /// Identity of what is shown now; `None` where it is none, or more than one.
+    /// Identity of the target that is shown now; `None` without one, or with several.
     now: Option<TargetId>,
 }
 
@@ -22,7 +22,7 @@ pub(super) struct Dots {
 struct Dot {
     on_wall: Point2<f64>,
     from: Time,
-    /// When it was asked for last.
+    /// When it was last requested.
     until: Time,
     samples: Vec<(Point3<f64>, Matrix3<f64>)>,
     /// Some message had more lights than one.
@@ -30,7 +30,7 @@ struct Dot {
 }
 
 impl Dots {
-    /// What the wall is told to show from `time` on.
+    /// What the wall is requested to show from `time` on.
     pub(super) fn show(&mut self, time: Time, list: &[Target]) {
         let [it] = list else {
             self.now = None;
@@ -49,7 +49,7 @@ impl Dots {
         self.now = Some(it.id);
     }
 
-    /// What the room saw at the targets' time, which counts once a dot has been asked for for `settle`.
+    /// What the room saw at the targets' time, which counts once a dot has been requested for `settle`.
     pub(super) fn see(&mut self, targets: &Targets, settle: Interval) {
         let time = targets.time;
         let own = self.all.iter_mut().rev().find(|it| time >= it.from);
@@ -60,12 +60,12 @@ impl Dots {
         dot.samples.push((it.position, it.covariance.fixed_view::<3, 3>(0, 0).into_owned()));
     }
 
-    /// Where all were to be shown [m].
+    /// Where all dots were requested [m].
     pub(super) fn shown(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
         self.all.iter().map(|it| it.on_wall)
     }
 
-    /// The dots that were seen as one light each, which kept within `still` of its middle [m].
+    /// The dots that were seen as one light each, within `still` of their mean [m].
     pub(super) fn places(&self, still: f64) -> Vec<Touch> {
         self.all.iter().filter_map(|it| it.touch(still)).collect()
     }

@@ -1,4 +1,4 @@
-//! `display.registration`: where a wall stands in a room, from places of it that a light of the room was held at, or from dots that the wall shows and the room's cameras see.
+//! `display.registration`: the pose of a wall in a room, from a light of the room held at places of the wall, or from dots that the wall shows and the room's cameras see.
 
 mod dots;
 mod pose;
@@ -18,11 +18,11 @@ use dots::Dots;
 use pose::{LEAST_PLACES, Touch, WallPose, fit};
 use rests::Rests;
 
-/// Places may lie so far beside what the wall can show: on its frame [m].
+/// Places may lie this far outside of the displayed area, on the wall's frame [m].
 const BESIDE_M: f64 = 0.1;
-/// Without the place that is wrong the others fit so many times better than without any other.
+/// A place is reported as wrong when the others fit this many times better without it than without any other.
 const CLEARLY: f64 = 3.0;
-/// A run that was shorter was cut: that is told, and no failure [s].
+/// A shorter run was interrupted, which is a remark and no failure [s].
 const LEAST_S: f64 = 5.0;
 
 ports! {
@@ -31,11 +31,11 @@ ports! {
 }
 
 figures! {
-    "registration.places": count, high, "Places of the wall at which the light was held, or dots that were seen";
-    "registration.dots_left_out": count, low, "Dots of which no light, several, or one that moved was seen; missing where the wall shows none";
-    "registration.touch_mm": mm, low, "Distance of these places, where the pose has them, from where the light was; root mean square";
-    "registration.held_out_mm": mm, low, "The same where each place is left out of the pose that it is held against; four places or more";
-    "registration.worst_sigma_mm": mm, low, "Largest standard deviation of a corner of the wall in the room, as the pose's covariance has it";
+        "registration.places": count, high, "Places of the wall at which the light was held, or dots that were seen";
+    "registration.dots_left_out": count, low, "Dots seen as no light, as several, or as one that moved; missing where the wall shows none";
+    "registration.touch_mm": mm, low, "Distance between these places under the fitted pose and the light's positions; root mean square";
+    "registration.held_out_mm": mm, low, "The same with each place held out of the pose that it is compared with; four places or more" => "places of the wall held out of its pose";
+    "registration.worst_sigma_mm": mm, low, "Largest standard deviation of a corner of the wall in the room, by the pose's covariance";
 }
 
 /// Settings of [`Registration`].
@@ -44,38 +44,38 @@ figures! {
 pub struct RegistrationSettings {
     /// Displays along rows and columns [–]
     pub tiles: [u32; 2],
-    /// Width and height of what each of them shows [m]
+    /// Width and height of the displayed area of each [m]
     pub tile_m: [f64; 2],
-    /// From the last pixel of a display to the first of the next, along rows and columns [mm]
+    /// Distance from the last pixel of a display to the first of the next, along rows and columns [mm]
     #[serde(default)]
     pub gap_mm: [f64; 2],
-    /// Width and height of each in pixels [px]
+    /// Width and height of each display [px]
     pub size_px: [u32; 2],
-    /// Places at which a light is held against the wall, in this order, x to the right and y down from its upper left corner; three or more. Left out: its corners, clockwise
+    /// Places at which a light is held on the wall, in this order, x to the right and y down from its upper left corner; three or more. Left out: its corners, clockwise
     /// from the upper left [m]
     #[serde(default)]
     pub touch_m: Vec<[f64; 2]>,
-    /// How well it is held there, and how far the light's middle is from the wall, standard deviation along each axis [mm]
+    /// How accurately the light is held there, its own radius included, standard deviation along each axis [mm]
     #[schemars(range(min = 0.01, max = 1000.0))]
     #[serde(default = "default_touch_mm")]
     pub touch_mm: f64,
-    /// For how long at each, at least [s]
+    /// How long it is held at each place, at least [s]
     #[schemars(range(min = 0.2, max = 60.0))]
     #[serde(default = "default_hold_s")]
     pub hold_s: f64,
-    /// While it is held a light keeps this near to where it was at first [mm]
+    /// Largest distance of a light that is held still from its first position [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     #[serde(default = "default_still_mm")]
     pub still_mm: f64,
-    /// Where the wall shows dots (`shown`): so long after one was asked for it is certain to be seen and tracked, and the one before it to be gone [ms]
+    /// Where the wall shows dots (`shown`): delay after a request until the dot is certainly seen and tracked, and the one before it gone [ms]
     #[schemars(range(min = 0.0, max = 60000.0))]
     #[serde(default = "default_settle_ms")]
     pub settle_ms: f64,
-    /// Largest error at places, held out where there are four or more, root mean square; with more there is no pose [mm]
+    /// Largest error at the places, root mean square, held out where there are four or more; a larger error gives no pose [mm]
     #[schemars(range(min = 0.1, max = 1000.0))]
     #[serde(default = "default_limit_mm")]
     pub limit_mm: f64,
-    /// Name of the file with the pose and the tiles that is written into the results folder [–]
+    /// File name of the pose and the tiles in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
 }
@@ -142,7 +142,7 @@ impl RegistrationSettings {
             let is_on = |axis: usize| (-BESIDE_M..=self.size()[axis] + BESIDE_M).contains(&at[axis]);
             if !(is_on(0) && is_on(1)) {
                 let message = format!(
-                    "found ({}, {}) m, expected a place of the wall, which `tiles`, `tile_m` and `gap_mm` make {width:.3} m by {height:.3} m",
+                    "found ({}, {}) m, expected a place of the wall, which is {width:.3} m by {height:.3} m by `tiles`, `tile_m` and `gap_mm`",
                     at[0], at[1]
                 );
                 return Err(ConfigError::at(&format!("touch_m[{place}]"), message));
@@ -157,17 +157,17 @@ impl RegistrationSettings {
     }
 }
 
-/// Targets of one light in; at the end a file with the wall's pose, its covariance, and `tiles` as `display.viewer` takes them. One light alone is held at each place in turn; or, where `shown` is connected (one target at a time: the dot
-/// that the wall is told to show), the targets are the dots as the room's cameras see them.
+/// Targets of one light in; at the end a file with the wall's pose, its covariance, and `tiles` for `display.viewer`. A single light is held at each place in turn; or, where `shown` is connected (one target at a time: the dot
+/// that the wall is requested to show), the targets are the dots as the room's cameras see them.
 pub struct Registration {
     settings: RegistrationSettings,
     rests: Rests,
-    /// Of the wall's dots, where it shows some.
+    /// The wall's dots, where it shows some.
     dots: Option<Dots>,
-    /// Middle of the scale's working volume, which is before the wall [m].
+    /// Centre of the scale's working volume, which is in front of the wall [m].
     before: Option<Point3<f64>>,
     span: Option<[Time; 2]>,
-    /// Messages with more targets than one.
+    /// Messages with several targets.
     crowded: u64,
     out_dir: Option<PathBuf>,
 }
@@ -176,7 +176,7 @@ impl Node for Registration {
     const TYPE: &'static str = "display.registration";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Where a wall of displays stands in the room, by a light that is held at its corners or by dots that it shows";
+        "Measures where a wall of displays is, from a light at its corners or from dots it shows";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = RegistrationSettings;
 
@@ -232,7 +232,7 @@ impl Node for Registration {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         if self.crowded > 0 {
             report.remark(format!(
-                "{} messages had more lights than one: they were left out, expected one alone",
+                "{} messages had several lights and were left out, expected a single light",
                 self.crowded
             ));
         }
@@ -240,10 +240,10 @@ impl Node for Registration {
         let pose = match self.registered() {
             Ok(pose) => pose,
             Err(why) if lasted_s < LEAST_S => {
-                report.remark(format!("the wall's place is not known, the run was over after {lasted_s:.1} s: {why}"));
+                report.remark(format!("the wall's pose is unknown, the run ended after {lasted_s:.1} s: {why}"));
                 return Ok(());
             }
-            Err(why) => return Err(NodeError::input(format_args!("the wall's place is not known: {why}"))),
+            Err(why) => return Err(NodeError::input(format_args!("the wall's pose is unknown: {why}"))),
         };
         let mm = |all: &[f64]| (all.iter().map(|it| it * it).sum::<f64>() / all.len() as f64).sqrt() * 1e3;
         report.figure("registration.places", pose.misses.len() as f64);
@@ -260,7 +260,7 @@ impl Node for Registration {
         report.figure("registration.worst_sigma_mm", worst * 1e3);
         if error_mm > self.settings.limit_mm {
             return Err(NodeError::input(format_args!(
-                "places of the wall are {error_mm:.1} mm from where the light was, expected at most {}: {}",
+                "places of the wall are {error_mm:.1} mm from the light's positions, expected at most {}: {}",
                 self.settings.limit_mm,
                 self.why(&pose)
             )));
@@ -271,7 +271,7 @@ impl Node for Registration {
 }
 
 impl Registration {
-    /// Where the wall shows dots, one at a time: each is a place.
+    /// The pose from dots that the wall shows one at a time.
     fn by_dots(&self, dots: &Dots) -> Result<WallPose, String> {
         let touches = dots.places(self.settings.still_mm * 1e-3);
         let [width, height] = self.settings.size();
@@ -280,13 +280,13 @@ impl Registration {
         };
         if let Some(it) = dots.shown().find(is_beyond) {
             return Err(format!(
-                "the wall was told to show a dot at ({:.3}, {:.3}) m from its upper left corner, and `tiles`, `tile_m` and `gap_mm` make it {width:.3} m by {height:.3} m",
+                "the wall shows a dot at ({:.3}, {:.3}) m from its upper left corner, expected one within {width:.3} m by {height:.3} m (`tiles`, `tile_m`, `gap_mm`)",
                 it.x, it.y
             ));
         }
         if touches.len() < LEAST_PLACES {
             return Err(format!(
-                "of {} dots {} were seen as one light that kept its place, expected {LEAST_PLACES} or more: do two cameras of the room see the wall, and is each dot shown for longer than `settle_ms`, {} ms?",
+                "{} dots were shown and {} seen as one light without motion, expected {LEAST_PLACES} or more: do two cameras of the room see the wall, and is each dot shown for longer than `settle_ms`, {} ms?",
                 dots.shown().count(),
                 touches.len(),
                 self.settings.settle_ms
@@ -305,9 +305,9 @@ impl Registration {
         let middle = nalgebra::center(&self.settings.corners()[0], &self.settings.corners()[2]);
         if self.before.is_some_and(|it| (it - pose.point(&middle)).dot(&out) < 0.0) {
             return Err(if self.dots.is_some() {
-                "it would face away from the room's volume: what the wall is told to show is mirrored; expected places from its upper left corner, as seen by who looks at it".into()
+                "it would face away from the room's volume: what the wall shows is mirrored; expected places from its upper left corner, as seen from the front".into()
             } else {
-                "it would face away from the room's volume: the places were touched in another order, as seen from behind; expected the corners clockwise from the upper left, as seen by who looks at it".into()
+                "it would face away from the room's volume: the places were touched in another order, as seen from behind; expected the corners clockwise from the upper left, as seen from the front".into()
             });
         }
         Ok(pose)
@@ -335,7 +335,7 @@ impl Registration {
         fit(&touches.collect::<Vec<_>>())
     }
 
-    /// What may be wrong where places are far from where the light was.
+    /// Possible cause where places are far from the light's positions.
     fn why(&self, pose: &WallPose) -> String {
         let mut order: Vec<usize> = (0..pose.others.len()).collect();
         order.sort_by(|a, b| pose.others[*a].total_cmp(&pose.others[*b]));
@@ -352,17 +352,17 @@ impl Registration {
                     pose.others[first] * 1e3
                 )
             }
-            _ => "are `tile_m`, `gap_mm` and `touch_m` right, in this order, and is the wall flat?".to_owned(),
+            _ => "check `tile_m`, then `gap_mm`, then `touch_m`; is the wall flat?".to_owned(),
         }
     }
 
-    /// The file: the pose for people and programs, and the tiles as a rig has them.
+    /// The file: the pose for people and programs, and the tiles for a rig.
     fn text(&self, pose: &WallPose, error_mm: f64) -> String {
         let RegistrationSettings { tiles, tile_m, gap_mm, size_px, .. } = &self.settings;
         let place = pose.room_from_wall.translation.vector;
         let turn = pose.room_from_wall.rotation.into_inner();
         let mut text = format!(
-            "# From the wall's space (x to the right, y down, z into it, from its upper left corner) to the room's; `error_mm` is that at places that were left out, if there were four.\n\
+            "# From the wall's space (x to the right, y down, z into it, from its upper left corner) to the room's; `error_mm` is that at held-out places, if there were four or more.\n\
              [wall]\nposition_m = {:?}\nroom_from_wall_wxyz = {:?}\ncovariance = {:?}\nerror_mm = {error_mm:?}\n\n\
              # For `display.viewer`.\ntiles = [\n",
             place.as_slice(),

@@ -1,42 +1,42 @@
-//! The pose of a wall in a room, from places of the wall that a light of the room was held at: pure.
+//! The pose of a wall in a room, from a light of the room held at places of the wall.
 //!
-//! A rigid transform takes the wall's plane (x to the right, y down, z into it) to the room; it starts from that of S. Umeyama (`foveate::geometry::alignment`) and
-//! is adjusted by least squares, each place weighed by the covariance of where the light was.
+//! A rigid transform takes the wall's plane (x to the right, y down, z into it) to the room; it starts from the method of S. Umeyama (`foveate::geometry::alignment`) and
+//! is adjusted by least squares, each place weighted by the covariance of the light's position.
 
 use foveate::estimation::least_squares::{Equations, Loss, Options, Problem, solve};
 use foveate::geometry::alignment::{AlignmentError, AlignmentOptions, align};
 use nalgebra::{DVector, Isometry3, Matrix3, Matrix6, Point2, Point3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
-/// Places that a pose needs, off one line.
+/// Fewest places for a pose, not on one line.
 pub(super) const LEAST_PLACES: usize = 3;
 
-/// Why there is no pose, in words.
-const NO_POSE: &str = "no place of the wall explains where the light was: are the places right, and off one line?";
+/// Message where no pose was found.
+const NO_POSE: &str = "no pose of the wall fits the light's positions: are the places right, and not on one line?";
 
-/// A place of the wall, and where the light was that was held there.
+/// A place of the wall, and the position of the light that was held there.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Touch {
     /// On the wall [m].
     pub(super) on_wall: Point2<f64>,
     /// In the room [m].
     pub(super) in_room: Point3<f64>,
-    /// Of where the light was, how it was held included [m²].
+    /// Covariance of the light's position, including how it was held [m²].
     pub(super) covariance: Matrix3<f64>,
 }
 
-/// Where the wall is.
+/// Pose of the wall.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WallPose {
     pub(super) room_from_wall: Isometry3<f64>,
-    /// Of a step exp(δ) on its right: rotation, translation.
+    /// Covariance of a step exp(δ) on its right: rotation, translation.
     pub(super) covariance: Matrix6<f64>,
     /// The places on the wall [m].
     pub(super) places: Vec<Point2<f64>>,
-    /// By place, how far it is from where the light was [m].
+    /// By place, its distance from the light's position [m].
     pub(super) misses: Vec<f64>,
-    /// The same when the pose does not know of it [m]; empty with too few places to leave one out.
+    /// The same with the place held out of the fit [m]; empty with too few places.
     pub(super) held_out: Vec<f64>,
-    /// By place, how far the others are from the pose that does not know of it, root mean square [m].
+    /// By place, root mean square distance of the others with the place held out [m].
     pub(super) others: Vec<f64>,
 }
 
@@ -91,8 +91,7 @@ fn adjusted(touches: &[Touch]) -> Result<(Isometry3<f64>, Matrix6<f64>), String>
     })?;
     let weights: Option<Vec<Matrix3<f64>>> =
         touches.iter().map(|it| it.covariance.cholesky()?.l().try_inverse()).collect();
-    let weights =
-        weights.ok_or("how well the light's place was known was not stated as it should be (a covariance)")?;
+    let weights = weights.ok_or("found no valid covariance of the light's position, expected one")?;
     let options = Options { loss: Loss::Squared, ..Options::default() };
     let solution =
         solve(&Sought { touches, weights }, start.b_from_a.isometry, &options).map_err(|_| NO_POSE.to_owned())?;

@@ -1,11 +1,11 @@
-//! Where a light was held still in the room: stretches of time in which it keeps to one place.
+//! Where a light was held still in the room: intervals in which it stays at one place.
 
 use foveate::prelude::*;
 use nalgebra::{Matrix3, Point3};
 
-/// Messages without the light are overlooked if the next with it comes within this time.
+/// Messages without the light are ignored if the next with it comes within this time.
 const GAP_MS: f64 = 200.0;
-/// Errors of a tracker are the same for a while: so many samples of a rest count as one.
+/// Errors of a tracker are correlated: this many samples of a rest count as one.
 const CORRELATED: f64 = 10.0;
 
 /// A light that was held still.

@@ -1,27 +1,27 @@
-//! What a run says of the settings of `viewer`: lights that are mirrored, misplaced or in other axes give views that are wrong, and nothing else shows it.
+//! Checks of the settings of `viewer` against a run: lights that are mirrored, misplaced or in other axes give wrong views without any other symptom.
 
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::head::Head;
 
-/// Whether lights are mirrored is tried in every so many messages in which one is missing.
+/// Mirrored lights are tried in one of this many messages in which a light is missing.
 const TRY_EACH: u64 = 16;
-/// With fewer messages nothing is said.
+/// Fewest messages for a remark.
 const LEAST_MESSAGES: u64 = 30;
-/// A light that is seen in less than this share of the messages, while another one is in most, is not where it was said to be.
+/// A light that is seen in less than this share of the messages, while another is in most, is misplaced in the settings.
 const RARE: f64 = 0.02;
 const OFTEN: f64 = 0.5;
-/// Who looks at a display looks past it by no more than this, in the mean [deg].
+/// Largest mean angle between a viewer's gaze and the display [deg].
 const BESIDE_DEG: f64 = 75.0;
-/// Who looks at a display holds the head upright, in the mean [deg].
+/// Largest mean tilt of a viewer's head [deg].
 const MOST_TILT_DEG: f64 = 50.0;
-/// Shorter than this the mean of directions is none: people who turn about.
+/// With a shorter mean vector, people turn too much for a mean direction.
 const TURNS_ABOUT: f64 = 0.3;
 
-/// What messages have shown.
+/// Statistics of the messages.
 pub(super) struct Doubts {
-    /// The same lights with left and right exchanged, where these can be told apart: four or more, off one plane.
+    /// The same lights with left and right exchanged, where these can be distinguished: four or more, not in one plane.
     mirrored: Option<Head>,
     n_lights: usize,
     n_messages: u64,
@@ -31,7 +31,7 @@ pub(super) struct Doubts {
     n_partly: u64,
     n_tried: u64,
     n_mirrored: u64,
-    /// Sums of where the head looked and of where its crown was.
+    /// Sums of the head's gaze and of its up direction.
     forward: Vector3<f64>,
     up: Vector3<f64>,
 }
@@ -72,15 +72,15 @@ impl Doubts {
         self.n_partly += 1;
     }
 
-    /// What is doubtful, in words; `out` is what the tiles face, on the whole.
-    pub(super) fn told(&self, out: &Vector3<f64>) -> Vec<String> {
+    /// The remarks; `out` is the mean normal of the tiles.
+    pub(super) fn remarks(&self, out: &Vector3<f64>) -> Vec<String> {
         if self.n_messages < LEAST_MESSAGES {
             return Vec::new();
         }
         let n = self.n_messages as f64;
         if 2 * self.n_mirrored > self.n_tried && self.n_tried > 0 {
             return vec![format!(
-                "all {} lights fit `lights_mm` with left and right exchanged, and not as they are stated: expected x forward, y to the left, z up",
+                "all {} lights fit `lights_mm` with left and right exchanged, but not as stated: expected x forward, y to the left, z up",
                 self.n_lights
             )];
         }
@@ -89,7 +89,7 @@ impl Doubts {
         if self.n_seen.iter().any(|it| share(it) > OFTEN) {
             for (light, _) in self.n_seen.iter().enumerate().filter(|it| share(it.1) < RARE) {
                 told.push(format!(
-                    "light {} of `lights_mm` was hardly ever found where it should be on the head, and others were: is its place right, and is it lit?",
+                    "light {} of `lights_mm` was rarely found at its place on the head, while others were: is its position right, and is it lit?",
                     light + 1
                 ));
             }

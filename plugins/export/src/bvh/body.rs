@@ -1,6 +1,6 @@
-//! From the places of a body's targets to bones of fixed length that turn.
+//! Bones of fixed length and rotations of joints, from the positions of a body's targets.
 //!
-//! | joint | from → to | where no joint is turned | length |
+//! | joint | from → to | direction at rest | length |
 //! |---|---|---|---|
 //! | `Hips` | waist → chest, the middle of the shoulders | y up, left shoulder along x | median over the session |
 //! | `Chest` | right → left shoulder | x | half the median distance of the shoulders |
@@ -8,32 +8,32 @@
 //! | `LeftArm`, `RightArm` | shoulder → elbow | x, −x | median |
 //! | `LeftForeArm`, `RightForeArm` | elbow → wrist | x, −x | median |
 //!
-//! `Hips` turn as waist → chest and the shoulders say; all others by the shortest turn from their rest direction, in the space of their parent:
-//! how a limb turns about itself no target tells.
+//! `Hips` have the rotation given by waist → chest and the shoulders; all others the shortest rotation from their rest direction, in the space of their parent:
+//! the rotation of a limb about its own axis is unobservable.
 
 use foveate::scene::skeleton::{Axis, Channel, Joint, SkeletonMotion, euler_angles};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
-/// What the targets of [`Places`] sit on, in their order.
+/// The sites of the targets of [`Places`], in their order.
 pub(super) const SITES: [&str; 8] =
     ["head", "waist", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"];
 const HEAD: usize = 0;
 const WAIST: usize = 1;
 const SHOULDERS: [usize; 2] = [2, 3];
 
-/// Where the targets are in a frame, y up.
+/// Positions of the targets in a frame, y up.
 pub(super) type Places = [Option<Point3<f64>>; 8];
 
-/// Nearer than this two targets tell no direction.
+/// Two targets nearer than this define no direction.
 const SAME_PLACE: f64 = 1e-6;
-/// Waist → chest and the shoulders nearer to one line than this angle tell no turn [rad].
+/// With a smaller angle between waist → chest and the shoulders, the rotation is unobservable [rad].
 const ONE_LINE: f64 = 1e-3;
 
 const HIPS: usize = 0;
 const CHEST: usize = 1;
 const N_JOINTS: usize = 7;
 
-/// A joint that turns by the direction of its bone.
+/// A joint whose rotation is given by the direction of its bone.
 struct Bone {
     name: &'static str,
     parent: usize,
@@ -55,14 +55,14 @@ fn bones() -> [Bone; N_JOINTS - 2] {
     ]
 }
 
-/// A body that moves, and what of it was not seen.
+/// The motion of a body, and its missing parts.
 pub(super) struct Body {
     pub(super) motion: SkeletonMotion,
-    /// Joints that could not be had from the targets, with in how many frames they hold a pose.
+    /// Joints without targets in some frames, with the number of frames in which they keep a pose.
     pub(super) held: Vec<(String, usize)>,
-    /// Frames in which any joint does.
+    /// Frames in which any joint keeps a pose.
     pub(super) n_held: usize,
-    /// Joints that never could, and are left out.
+    /// Joints without a single pose, which are left out.
     pub(super) absent: Vec<&'static str>,
 }
 
@@ -77,14 +77,14 @@ fn median(lengths: impl Iterator<Item = f64>) -> f64 {
     lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// The shortest turn from `rest`, along x or y, to `along`; about z if they are opposite. `None`: `along` is no direction.
+/// The shortest rotation from `rest`, along x or y, to `along`; about z if they are opposite. `None`: `along` is no direction.
 fn shortest(rest: &Vector3<f64>, along: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
     let along = along.try_normalize(SAME_PLACE)?;
     let half_turn = || UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
     Some(UnitQuaternion::rotation_between(rest, &along).unwrap_or_else(half_turn))
 }
 
-/// `world_from_hips` and `hips_from_chest`; `None`: not seen, or the targets tell no turn.
+/// `world_from_hips` and `hips_from_chest`; `None`: not seen, or unobservable.
 fn trunk(places: &Places) -> Option<[UnitQuaternion<f64>; 2]> {
     let up = (chest(places)? - places[WAIST]?).try_normalize(SAME_PLACE)?;
     let across = (places[SHOULDERS[0]]? - places[SHOULDERS[1]]?).try_normalize(SAME_PLACE)?;
@@ -94,16 +94,16 @@ fn trunk(places: &Places) -> Option<[UnitQuaternion<f64>; 2]> {
     Some([hips, shortest(&Vector3::x(), &(hips.inverse() * across))?])
 }
 
-/// Turns joint by joint, `parent_from_joint`, and the waist, frame by frame.
+/// Rotations by joint, `parent_from_joint`, and the waist, frame by frame.
 struct Course {
     waist: Vec<Point3<f64>>,
-    /// `None`: before it was first had.
+    /// `None`: before the first rotation.
     turns: [Vec<Option<UnitQuaternion<f64>>>; N_JOINTS],
-    /// Which joints were had, frame by frame.
+    /// Which joints had a rotation, frame by frame.
     seen: Vec<[bool; N_JOINTS]>,
 }
 
-/// What was not seen holds its last turn; before there was one, waist, hips and chest have their first.
+/// A joint that was not seen keeps its last rotation; before the first one, waist, hips and chest have their first.
 fn follow(frames: &[Places], bones: &[Bone]) -> Option<Course> {
     let mut waist = frames.iter().find_map(|it| it[WAIST])?;
     let first = frames.iter().find_map(trunk)?;
@@ -137,10 +137,10 @@ fn follow(frames: &[Places], bones: &[Bone]) -> Option<Course> {
     Some(course)
 }
 
-/// The body that the places tell of, `per_length` units of the file being one of theirs.
+/// The body of these positions; `per_length` units of the file are one unit of the positions.
 ///
 /// # Errors
-/// A sentence: waist and shoulders never tell how the body stands.
+/// A sentence: the body's rotation is unobservable from waist and shoulders.
 pub(super) fn body(frames: &[Places], rate_hz: f64, per_length: f64) -> Result<Body, String> {
     let bones = bones();
     let Some(mut course) = follow(frames, &bones) else {
@@ -207,7 +207,7 @@ fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6 + 0.0
 }
 
-/// The numbers of all frames. Angles go on from those before, over half a turn and more, for programs that interpolate them.
+/// The numbers of all frames. Angles are unwrapped beyond half a turn, for programs that interpolate them.
 fn values(course: &Course, kept: &[usize], per_length: f64) -> Vec<f64> {
     let mut values = Vec::with_capacity(course.waist.len() * (3 + 3 * kept.len()));
     let mut before = vec![[0.0; 3]; kept.len()];

@@ -1,9 +1,9 @@
-//! Which targets sit on which part of a body, by how far they are from each other over time.
+//! Infers which target is on which part of a body, from their mutual distances over time.
 //!
-//! For each pair that may be the shoulders and each stature that it may belong to, head, waist and the two arms are looked for, each by itself; the best few of each are put together,
-//! no target twice. What an assignment costs is a sum of squares:
+//! For each candidate pair of shoulders and each stature, head, waist and the two arms are searched one by one; the best few of each are combined,
+//! with each target used once. The cost of an assignment is a sum of squares:
 //!
-//! | term | counted in |
+//! | term | unit |
 //! |---|---|
 //! | logarithm of a part's length over its share of the stature | 15 % |
 //! | stretch of a part | 15 % |
@@ -13,13 +13,13 @@
 use super::body::Places;
 use super::proportions::{All, PARTS, STATURES_M, Sides, length, sides, some};
 
-/// Targets that are tried: those seen in most frames.
+/// Targets that are tried: those seen in the most frames.
 const MOST: usize = 32;
-/// Candidates of each part that are put together.
+/// Candidates of each part that are combined.
 const BEST: usize = 4;
-/// A pair must have been seen together in so many of the frames that are looked at.
+/// Fewest frames in which a pair must have been seen together.
 const TOGETHER: usize = 10;
-/// What a pair costs at most: one that is wrong is as bad as one that is very wrong.
+/// Largest cost of a pair, so that one outlier does not dominate.
 const WORST: f64 = 30.0;
 /// Heights of head, waist, elbows and wrists over the shoulders, as shares of the stature [Winter 2009, figure 4.1].
 const HEAD_UP: f64 = 0.182;
@@ -27,7 +27,7 @@ const WAIST_UP: f64 = -0.25;
 const ELBOW_UP: f64 = -0.188;
 const WRIST_UP: f64 = -0.333;
 
-/// What is known of all pairs.
+/// Statistics of all pairs.
 struct Pairs {
     n: usize,
     /// Length and stretch.
@@ -67,12 +67,12 @@ impl Pairs {
         }
     }
 
-    /// Of how far `a` is above `b`.
+    /// Cost of the height of `a` over `b`.
     fn height_cost(&self, a: usize, b: usize, wanted: f64, stature: f64, deviation: f64) -> f64 {
         (((self.heights[a] - self.heights[b]) / stature - wanted) / deviation).powi(2).min(WORST)
     }
 
-    /// The cheapest of the others than two shoulders.
+    /// The cheapest targets other than the two shoulders.
     fn best(&self, [i, j]: [usize; 2], cost: impl Fn(usize) -> f64) -> Vec<(f64, usize)> {
         cheapest((0..self.n).filter(|it| *it != i && *it != j).map(|it| (cost(it), it)).collect())
     }
@@ -99,16 +99,16 @@ fn cheapest<T>(mut all: Vec<(f64, T)>) -> Vec<(f64, T)> {
     all
 }
 
-/// A guess, by the places of targets in `frames`' lists.
+/// A guess; targets are indices into the lists of `frames`.
 pub(super) struct Guess {
     /// In the order of [`super::body::SITES`].
     pub(super) targets: [usize; 8],
-    /// Whether the movements tell left from right.
+    /// Whether the movements distinguish left from right.
     pub(super) knows_sides: bool,
 }
 
-/// The most likely targets of a body, y up; `None`: fewer than eight, or no two were seen together. `is_left` says of a target that it is known as one of the left (or
-/// right) side, which counts where the movements do not tell. A metre is `unit_m` of the places, where that is known.
+/// The most likely targets of a body, y up; `None`: fewer than eight, or no two were seen together. `is_left` gives the known side of a target, left (or
+/// right), used where the movements do not distinguish them. `unit_m`: metres in one unit of the positions, where known.
 pub(super) fn guess(frames: &[All], unit_m: Option<f64>, is_left: impl Fn(usize) -> Option<bool>) -> Option<Guess> {
     let n = frames.first()?.len();
     let mut kept: Vec<usize> = (0..n).collect();
@@ -144,9 +144,9 @@ pub(super) fn guess(frames: &[All], unit_m: Option<f64>, is_left: impl Fn(usize)
     }
     let mut targets = best?.1.map(|it| kept[it]);
     let places: Vec<Places> = some(frames).map(|frame| targets.map(|it| frame[it])).collect();
-    let told = sides(&places);
+    let found_sides = sides(&places);
     let votes = |at: usize| targets[at..].iter().step_by(2).filter(|it| is_left(**it) == Some(at == 2)).count();
-    let is_exchanged = match told {
+    let is_exchanged = match found_sides {
         Sides::Exchanged => true,
         Sides::Right => false,
         Sides::Unknown => votes(2) + votes(3) < 3,
@@ -154,10 +154,10 @@ pub(super) fn guess(frames: &[All], unit_m: Option<f64>, is_left: impl Fn(usize)
     if is_exchanged {
         [2, 4, 6].into_iter().for_each(|it| targets.swap(it, it + 1));
     }
-    Some(Guess { targets, knows_sides: told != Sides::Unknown })
+    Some(Guess { targets, knows_sides: found_sides != Sides::Unknown })
 }
 
-/// The cheapest body on two shoulders, but for these.
+/// The cheapest body on two shoulders, without the cost of the shoulders.
 fn put_together(pairs: &Pairs, [i, j]: [usize; 2], stature: f64) -> Option<(f64, [usize; 8])> {
     let middle = |site: usize, share: f64, up: f64| {
         let distance = pairs.cost(i, site, share, stature) + pairs.cost(j, site, share, stature);

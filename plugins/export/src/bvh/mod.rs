@@ -1,9 +1,9 @@
-//! `export.bvh`: the body that eight targets sit on (head, waist, shoulders, elbows, wrists) as a skeleton that moves, for animation programs.
+//! `export.bvh`: the body of eight targets (head, waist, shoulders, elbows, wrists) as an animated skeleton, for animation programs.
 //!
-//! Bones have one length over the whole session, and BVH has no word for missing: what is not seen holds its last pose, and the report counts it.
-//! Targets that cannot be a body are refused, with those that can.
+//! Bones have one length over the whole session, and BVH cannot mark missing values: a joint that is not seen keeps its last pose, and the report counts it.
+//! Targets that cannot be a body are refused, with a proposal of those that can.
 //!
-//! y is up; what looks along x of the world looks along z in the file.
+//! y is up; x of the world is z of the file.
 
 mod body;
 mod guess;

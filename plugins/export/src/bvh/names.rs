@@ -1,4 +1,4 @@
-//! Which points of a file sit on which part of a body, by their names.
+//! Maps points of a file to the sites of a body by their names.
 
 use std::collections::BTreeMap;
 
@@ -77,7 +77,7 @@ const KNOWN: [(&str, &[&[&str]]); 5] = [
     ),
 ];
 
-/// Skeletons call a joint by the bone that begins there: upper arm and forearm. What they call a shoulder is where the collar bone begins.
+/// Skeletons name a joint after the bone that begins there: upper arm and forearm. Their shoulder is where the collar bone begins.
 const BONES: [[&str; 2]; 9] = [
     ["*arm", "*forearm"],
     ["*upperarm", "*forearm"],
@@ -93,10 +93,10 @@ const BONES: [[&str; 2]; 9] = [
 /// Where elbows have points of their own, arm and forearm are markers between joints.
 const ELBOWS: [&str; 3] = ["*elbow", "?elbow", "?elb"];
 
-/// What some programs put before each name.
+/// Prefixes that some programs put before each name.
 const PREFIXES: [&str; 4] = ["mixamorig", "bip001", "bip01", "character1"];
 
-/// A name without what differs from maker to maker.
+/// A name without prefixes, capitals and signs.
 fn core(name: &str) -> String {
     let last = name.rsplit(':').next().unwrap_or(name);
     let core: String = last.chars().filter(|it| it.is_alphanumeric()).flat_map(char::to_lowercase).collect();
@@ -114,25 +114,25 @@ pub(super) fn is_left(label: &str) -> Option<bool> {
     }
 }
 
-/// The points of each of [`SITES`]; none where it has none.
+/// The points of each of [`SITES`]; empty for a site without points.
 ///
-/// `told` names them by site, as `head` or `left_wrist`; the other sites are found by names in use: the first alternative that `is_seen`, all its points in
+/// `named` gives them by site, as `head` or `left_wrist`; the other sites are found by names in use: the first alternative that `is_seen`, all its points in
 /// one frame at least.
 ///
 /// # Errors
 /// A sentence: a site or a point that does not exist.
 pub(super) fn sites(
     labels: &[String],
-    told: &BTreeMap<String, Vec<String>>,
+    named: &BTreeMap<String, Vec<String>>,
     is_seen: &dyn Fn(&[usize]) -> bool,
 ) -> Result<[Vec<usize>; 8], String> {
-    if let Some(wrong) = told.keys().find(|it| !SITES.contains(&it.as_str())) {
+    if let Some(wrong) = named.keys().find(|it| !SITES.contains(&it.as_str())) {
         return Err(format!("found the joint `{wrong}`, expected one of {}", SITES.join(", ")));
     }
     let cores: Vec<String> = labels.iter().map(|it| core(it)).collect();
     let mut found: [Vec<usize>; 8] = Default::default();
     for (site, points) in SITES.iter().zip(&mut found) {
-        if let Some(names) = told.get(*site) {
+        if let Some(names) = named.get(*site) {
             for name in names {
                 let place =
                     labels.iter().position(|it| it == name).or_else(|| cores.iter().position(|it| *it == core(name)));
@@ -203,8 +203,8 @@ mod tests {
             labels(&["Top.Head", "R.ASIS", "L.ASIS", "V.Sacral", "R.Shoulder", "L.Shoulder", "L.Elbow", "R.Wrist"]);
         let found = sites(&of_opensim, &none, &|_| true).unwrap();
         assert_eq!((&found[0], &found[1], &found[2], &found[7]), (&vec![0], &vec![2, 1, 3], &vec![5], &vec![7]));
-        let told = BTreeMap::from([("waist".to_owned(), labels(&["V.Sacral"]))]);
-        assert_eq!(sites(&of_opensim, &told, &|_| true).unwrap()[1], [3]);
+        let named = BTreeMap::from([("waist".to_owned(), labels(&["V.Sacral"]))]);
+        assert_eq!(sites(&of_opensim, &named, &|_| true).unwrap()[1], [3]);
         let wrong = BTreeMap::from([("tail".to_owned(), labels(&["a"]))]);
         assert!(sites(&of_opensim, &wrong, &|_| true).unwrap_err().contains("`tail`"));
     }

@@ -1,4 +1,4 @@
-//! The node: from the targets of a run to the text of a BVH file.
+//! The node: writes the targets of a run as a BVH file.
 
 use std::collections::BTreeMap;
 
@@ -16,14 +16,14 @@ use crate::whole_file::WholeFile;
 
 const SPACES: In<ScaleSpace> = In::latest(1, "spaces").many().optional();
 
-/// Which target sits on what, by its number; all are needed, each another. Default: the order of the simulated
-/// lab's truth; a tracker numbers targets in the order in which it finds them.
+/// Number of the target at each site; all are needed, each different. Default: the order of the simulated
+/// lab's truth; a tracker numbers targets in the order of their initiation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyTargets {
     /// On top of the head [–]
     pub head: u32,
-    /// Where the skeleton has its root [–]
+    /// At the waist, the root of the skeleton [–]
     pub waist: u32,
     /// [–]
     pub left_shoulder: u32,
@@ -63,11 +63,11 @@ impl BodyTargets {
     }
 }
 
-/// What one is in a file, which cannot say it itself.
+/// Unit of length of a file, which the format cannot state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
-    /// A centimetre, as most animation programs take it.
+    /// A centimetre, as in most animation programs.
     #[default]
     Cm,
     /// A metre.
@@ -81,11 +81,11 @@ pub struct ExportBvhSettings {
     /// Name of the file in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Frames a second; 0: 60 [Hz]
+    /// Frame rate; 0: 60 [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// Between two samples of a target that are farther apart it is missing, and the joint holds its last pose [ms]
+    /// Longest gap that is interpolated; in a longer one the joint keeps its last pose [ms]
     #[serde(default = "default_gap_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub gap_ms: f64,
@@ -95,7 +95,7 @@ pub struct ExportBvhSettings {
     /// Unit of lengths in the file: `cm` or `m` [–]
     #[serde(default)]
     pub unit: Unit,
-    /// No file is written where a part of the body is longer or shorter by more than this factor than fits the other parts [–]
+    /// No file is written where a part of the body differs by more than this factor from the length that fits the other parts [–]
     #[serde(default = "default_part_factor")]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub part_factor: f64,
@@ -109,17 +109,17 @@ pub struct ExportBvhSettings {
     pub stretch_percent: f64,
 }
 
-/// Heads of children of two years are a third larger beside the rest, and targets on the skin are off by some centimetres.
+/// Heads of children of two years are a third larger relative to the body, and targets on the skin are off by some centimetres.
 fn default_part_factor() -> f64 {
     PART_FACTOR
 }
 
-/// People differ by 5 %; targets of one side may sit otherwise than those of the other.
+/// People differ by 5 %; targets of the two sides may be placed differently.
 fn default_side_factor() -> f64 {
     SIDE_FACTOR
 }
 
-/// Waist to shoulder when people bend, of the recordings that this was tried on, changes most.
+/// The distance from waist to shoulder changes most, when people bend, in the recordings that this was tuned on.
 fn default_stretch_percent() -> f64 {
     100.0 * STRETCH
 }
@@ -128,17 +128,17 @@ fn default_file() -> String {
     "motion.bvh".to_owned()
 }
 
-/// A body's targets into a BVH file, at the end of the run.
+/// Writes a body's targets into a BVH file at the end of the run.
 pub struct ExportBvh {
     pub(super) gather: Option<Gather>,
     file: WholeFile,
     settings: ExportBvhSettings,
-    /// Metres in one of the calibration's units; `None`: it was never measured.
+    /// Metres in one of the calibration's units; `None`: unknown.
     unit_m: Option<f64>,
 }
 
 impl ExportBvh {
-    /// From the first frame in which any of the targets is seen to the last, y up, and the number of that first one.
+    /// From the first frame in which any of the targets is seen to the last, y up, and the number of the first one.
     fn frames(&self, table: &Table) -> (usize, Vec<Places>) {
         let numbers = self.settings.joints.numbers();
         let site = |target: TargetId| numbers.iter().position(|it| *it == target.0);
@@ -157,7 +157,7 @@ impl ExportBvh {
 }
 
 impl ExportBvh {
-    /// Where all targets are, y up, and their numbers.
+    /// Positions of all targets, y up, and their numbers.
     fn all(table: &Table) -> (Vec<All>, Vec<u32>) {
         let columns: Vec<_> = table.points.iter().filter_map(|it| Some((it.target?.0, &it.samples))).collect();
         let y_up_from_z_up = z_up_from_y_up().inverse();
@@ -176,7 +176,7 @@ impl ExportBvh {
         Limits { factor: part_factor, side_factor, stretch, unit_m: self.unit_m, checks_standing: true }
     }
 
-    /// What to map, as it can stand in the rig.
+    /// A proposed map, in the form of the rig's setting.
     fn advice(&self, table: &Table) -> String {
         let (frames, numbers) = Self::all(table);
         let mapped = self.settings.joints.numbers();
@@ -201,11 +201,12 @@ impl ExportBvh {
             );
         };
         if targets == mapped {
-            return "no other map of `joints` fits better; where targets sit so, raise `part_factor`, `side_factor` or `stretch_percent`".to_owned();
+            return "no other map of `joints` fits better; if the map is right, raise `part_factor`, `side_factor` or `stretch_percent`".to_owned();
         }
         let list: Vec<String> = SITES.iter().zip(targets).map(|(site, it)| format!("{site} = {it}")).collect();
-        let sides = if knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
-        format!("by distances and movements this is a body{sides}: joints = {{ {} }}", list.join(", "))
+        let sides =
+            if knows_sides { "" } else { " (left and right may be exchanged: the movements do not distinguish them)" };
+        format!("by distances and movements the best match is{sides}: joints = {{ {} }}", list.join(", "))
     }
 }
 
@@ -216,15 +217,15 @@ fn called(targets: &[u32; 8]) -> impl Fn(usize) -> String + use<> {
 }
 
 figures! {
-    "bvh.frames": count, neither, "Frames of the body that were made; 0: no file is written";
-    "bvh.frames_held": count, low, "Of these, frames in which joints hold a pose since they are not seen";
+        "bvh.frames": count, neither, "Frames written; 0: no file is written";
+        "bvh.frames_held": count, low, "Frames written in which unseen joints keep a pose";
     "bvh.start_s": s, neither, "Session time of the first frame";
 }
 
 impl Node for ExportBvh {
     const TYPE: &'static str = "export.bvh";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes the body that eight targets sit on as a skeleton that moves (BVH)";
+    const SUMMARY: &'static str = "Writes the body that wears eight lights as an animated skeleton (BVH)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportBvhSettings;
 
@@ -289,7 +290,7 @@ impl Node for ExportBvh {
         if body.n_held > 0 {
             let list: Vec<_> = body.held.iter().map(|(joint, n)| format!("{joint} in {n}")).collect();
             let (n, all, list) = (body.n_held, frames.len(), list.join(", "));
-            report.remark(format!("{name}: in {n} of {all} frames joints hold a pose since they are not seen: {list}"));
+            report.remark(format!("{name}: in {n} of {all} frames unseen joints keep a pose: {list}"));
         }
         if !body.absent.is_empty() {
             report.remark(format!("{name} lacks {}: their targets were never seen together", body.absent.join(", ")));

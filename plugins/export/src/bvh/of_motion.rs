@@ -1,4 +1,4 @@
-//! A motion out of a file as a skeleton, where its points sit on a body.
+//! A motion file as a skeleton, where its points are on a body.
 
 use std::collections::BTreeMap;
 
@@ -18,30 +18,30 @@ use super::proportions::{All, FRAMES, Limits, PART_FACTOR, SIDE_FACTOR, STRETCH,
 pub struct SkeletonFile {
     /// The BVH file.
     pub text: String,
-    /// The points that joints sit on: the joint's site, and the points' names.
+    /// The points of each joint: its site, and the names of the points.
     pub sites: Vec<(String, Vec<String>)>,
-    /// What of the motion it does not tell.
+    /// Parts of the motion that the file does not hold.
     pub lost: Vec<String>,
 }
 
-/// What is wanted of a skeleton.
+/// Options of a skeleton.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkeletonOptions {
-    /// The points of `head`, `waist`, `left_shoulder` and the others; those that are not named are found by names in use.
+    /// The points of `head`, `waist`, `left_shoulder` and the others; sites without an entry are found by common names.
     pub joints: BTreeMap<String, Vec<String>>,
-    /// How long a unit of the file is [m].
+    /// Length of the file's unit [m].
     pub unit_m: f64,
-    /// Whether it is written though the points' distances are not those of a body.
+    /// Whether it is written even though the points' distances are not those of a body.
     pub any_proportions: bool,
 }
 
-/// A BVH file of the body that the points sit on.
+/// A BVH file of the body that the points are on.
 ///
 /// # Errors
-/// A sentence: what is missing for a body, what speaks against its being one, and a guess at which points are one; or times that are not regular.
+/// A sentence: what is missing for a body, why the points are no body, and a proposal of points that are one; or irregular times.
 pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, String> {
     let Some(rate_hz) = motion.rate_hz.or((motion.n_frames() == 1).then_some(1.0)) else {
-        return Err("the times are not regular, and a skeleton moves at one rate".to_owned());
+        return Err("found irregular times, expected one frame rate for a skeleton".to_owned());
     };
     let mut y_up = motion.clone();
     y_up.turn(Up::Y);
@@ -86,9 +86,9 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
         }
     });
     let body = made.map_err(|why| match others() {
-        None => format!("{why}; --joints names others, --any-proportions writes it as it is"),
+        None => format!("{why}; name others with --joints, or write it anyway with --any-proportions"),
         Some(it) if sites.iter().zip(it.points).all(|(site, point)| *site == [point]) => {
-            format!("{why}; no other points fit better, and --any-proportions writes it as it is")
+            format!("{why}; no other points fit better; --any-proportions writes it anyway")
         }
         Some(it) => format!("{why}; {}", it.words),
     })?;
@@ -96,12 +96,12 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     let mut lost = motion.besides.clone();
     let n_unused = (0..motion.labels.len()).filter(|it| !used.contains(it)).count();
     if n_unused > 0 {
-        lost.push(format!("{n_unused} points that no joint sits on"));
+        lost.push(format!("{n_unused} points that belong to no joint"));
     }
     if body.n_held > 0 {
         let list: Vec<_> = body.held.iter().map(|(joint, n)| format!("{joint} in {n}")).collect();
         lost.push(format!(
-            "in {} of {} frames joints hold a pose since they are not seen: {}",
+            "in {} of {} frames unseen joints keep a pose: {}",
             body.n_held,
             frames.len(),
             list.join(", ")
@@ -110,10 +110,10 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     if !body.absent.is_empty() {
         lost.push(format!("{}: no points for them, or never seen together", body.absent.join(", ")));
     }
-    lost.push("bones have their median lengths, and how limbs turn about themselves is not known".to_owned());
+    lost.push("bones have their median lengths, and the rotation of limbs about their own axes is unknown".to_owned());
     let n_filled = motion.n_of(Provenance::Filled);
     if n_filled > 0 {
-        lost.push(format!("{n_filled} samples were filled in, and now look measured"));
+        lost.push(format!("{n_filled} samples were filled in, which the file does not mark"));
     }
     if motion.start_s() != 0.0 {
         lost.push(start_lost(motion));
@@ -123,7 +123,7 @@ pub fn bvh(motion: &Motion, options: &SkeletonOptions) -> Result<SkeletonFile, S
     Ok(SkeletonFile { text: body.motion.to_bvh(), sites: sites.collect(), lost })
 }
 
-/// As `export.bvh` has them by default. A file's unit may be wrong, and people crawl: how tall the body is and how it stands does not count where names say what is what.
+/// The defaults of `export.bvh`. A file's unit may be wrong, and people crawl: stature and posture are not checked where names identify the points.
 const LIMITS: Limits = Limits {
     factor: PART_FACTOR,
     side_factor: SIDE_FACTOR,
@@ -131,7 +131,7 @@ const LIMITS: Limits = Limits {
     unit_m: Some(1.0),
     checks_standing: false,
 };
-/// As people mostly stand, of a size between a child's and the tallest man's.
+/// For guesses: a body that mostly stands, of a stature between a child's and the tallest man's.
 const STANDING: Limits = Limits { checks_standing: true, ..LIMITS };
 
 /// Points that can be a body.
@@ -141,7 +141,7 @@ struct Likely {
     words: String,
 }
 
-/// The points, y up, that are most like a body; `None`: none are.
+/// The points, y up, that are most like a body; `None` without any.
 fn likely(y_up: &Motion, rate_hz: f64) -> Option<Likely> {
     let labels = &y_up.labels;
     let place = |frame: usize, point: usize| {
@@ -159,9 +159,13 @@ fn likely(y_up: &Motion, rate_hz: f64) -> Option<Likely> {
     if body(&places, rate_hz, 1.0).is_err() || !objections(&places, &called, &STANDING).is_empty() {
         return None;
     }
-    let sides = if guess.knows_sides { "" } else { " (left and right may be exchanged: the movements do not tell)" };
+    let sides = if guess.knows_sides {
+        ""
+    } else {
+        " (left and right may be exchanged: the movements do not distinguish them)"
+    };
     let list = (0..SITES.len()).map(called).collect::<Vec<_>>().join(",");
-    Some(Likely { points, words: format!("by distances and movements this is a body{sides}: --joints '{list}'") })
+    Some(Likely { points, words: format!("by distances and movements the best match is{sides}: --joints '{list}'") })
 }
 
 #[cfg(test)]
@@ -193,7 +197,7 @@ mod tests {
         let file = bvh(&motion, &USUAL).unwrap();
         let skeleton = SkeletonMotion::from_bvh(&file.text).unwrap();
         assert_eq!((skeleton.n_frames(), skeleton.frame(0).unwrap()[1]), (2, 100.0));
-        assert!(file.lost.iter().any(|it| it.contains("1 points that no joint")), "{:?}", file.lost);
+        assert!(file.lost.iter().any(|it| it.starts_with("1 points")), "{:?}", file.lost);
         assert!(file.lost.iter().any(|it| it.contains("Neck, LeftArm")), "{:?}", file.lost);
         let legs = Motion { labels: labels(&["SACR", "LKNE", "RKNE", "toe"]), ..motion };
         let error = bvh(&legs, &USUAL).unwrap_err();
@@ -236,17 +240,17 @@ mod tests {
         wrong.labels.swap(2, 5);
         let error = bvh(&wrong, &USUAL).unwrap_err();
         assert!(error.contains("cannot be a body: ") && error.contains("left_shoulder = left_shoulder"), "{error}");
-        let told = "--joints 'head=left_wrist,waist=waist,left_shoulder=right_elbow,right_shoulder=right_shoulder,\
+        let proposed = "--joints 'head=left_wrist,waist=waist,left_shoulder=right_elbow,right_shoulder=right_shoulder,\
                     left_elbow=left_elbow,right_elbow=left_shoulder,left_wrist=head,right_wrist=right_wrist'";
-        assert!(error.contains(told), "{error}");
-        let pairs = told["--joints '".len()..told.len() - 1].split(',').map(|it| it.split_once('=').unwrap());
+        assert!(error.contains(proposed), "{error}");
+        let pairs = proposed["--joints '".len()..proposed.len() - 1].split(',').map(|it| it.split_once('=').unwrap());
         let joints = pairs.map(|it| (it.0.to_owned(), vec![it.1.to_owned()])).collect();
         assert!(bvh(&wrong, &SkeletonOptions { joints, ..USUAL }).is_ok());
         assert!(bvh(&wrong, &SkeletonOptions { any_proportions: true, ..USUAL }).is_ok());
         // Names that say nothing.
         let nameless = Motion { labels: (0..8).map(|it| format!("P{it}")).collect(), ..walker() };
         let error = bvh(&nameless, &USUAL).unwrap_err();
-        assert!(error.contains("this is a body: --joints 'head=P0,waist=P1,left_shoulder=P2"), "{error}");
+        assert!(error.contains("--joints 'head=P0,waist=P1,left_shoulder=P2"), "{error}");
         // Of any size, for units are wrong in many files, and on its hands.
         let mut small = walker();
         for it in small.samples.iter_mut().flatten() {

@@ -1,7 +1,7 @@
-//! Whether eight targets can sit on a body where they are said to.
+//! Checks whether eight targets can be at their stated sites of a body.
 //!
 //! Source of lengths: D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed., 2009, figure 4.1 (after Drillis and Contini, 1966): parts of the body as
-//! shares of the stature. Distances to head and waist are worked out from its heights: shoulders at 0.818, a target on top of the head at 1, one on the waist at 0.57,
+//! shares of the stature. Distances to head and waist are computed from its heights: shoulders at 0.818, a target on top of the head at 1, one on the waist at 0.57,
 //! between the hips (0.53) and the navel (0.6).
 //!
 //! | here | meaning | unit |
@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::body::Places;
 
-/// A part of the body: between which sites, its share of the stature, what people call it.
+/// A part of the body: its two sites, its share of the stature, its name in messages.
 pub(super) struct Part {
     pub(super) ends: [usize; 2],
     pub(super) share: f64,
@@ -30,10 +30,10 @@ pub(super) const PARTS: [Part; 9] = [
     Part { ends: [3, 5], share: 0.186, name: "the right upper arm", twin: None },
     Part { ends: [4, 6], share: 0.146, name: "the left forearm", twin: Some(4) },
     Part { ends: [5, 7], share: 0.146, name: "the right forearm", twin: None },
-    Part { ends: [0, 2], share: 0.223, name: "the way from head to left shoulder", twin: Some(6) },
-    Part { ends: [0, 3], share: 0.223, name: "the way from head to right shoulder", twin: None },
-    Part { ends: [1, 2], share: 0.280, name: "the way from waist to left shoulder", twin: Some(8) },
-    Part { ends: [1, 3], share: 0.280, name: "the way from waist to right shoulder", twin: None },
+    Part { ends: [0, 2], share: 0.223, name: "the distance from head to left shoulder", twin: Some(6) },
+    Part { ends: [0, 3], share: 0.223, name: "the distance from head to right shoulder", twin: None },
+    Part { ends: [1, 2], share: 0.280, name: "the distance from waist to left shoulder", twin: Some(8) },
+    Part { ends: [1, 3], share: 0.280, name: "the distance from waist to right shoulder", twin: None },
 ];
 
 /// Statures of people who stand: from a child of a few months to the tallest man on record, 2.72 m [m].
@@ -44,30 +44,30 @@ pub(super) const SIDE_FACTOR: f64 = 1.3;
 pub(super) const STRETCH: f64 = 0.5;
 /// Head and waist are no joints: a target there can sit some centimetres higher or lower, on a belt or between the shoulder blades.
 const NO_JOINT: f64 = 1.25;
-/// Of [`PARTS`]: a bone each.
+/// The arms among [`PARTS`].
 const ARMS: std::ops::RangeInclusive<usize> = 1..=4;
-/// What arms may change of what other parts may, which bend.
+/// Allowed stretch of arms, as a share of that of other parts, which bend.
 const ARM_STRETCH: f64 = 0.6;
-/// Frames that are looked at, spread over the session.
+/// Frames that are examined, spread over the session.
 pub(super) const FRAMES: usize = 600;
-/// A front is told by so many frames at least.
+/// Fewest frames that determine the front.
 const FRONT_FRAMES: usize = 15;
 
 /// How far targets may be from those of a usual body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limits {
-    /// Of a part beside the others.
+    /// Factor of a part relative to the others.
     pub(super) factor: f64,
-    /// Of left beside right.
+    /// Factor of left relative to right.
     pub(super) side_factor: f64,
     pub(super) stretch: f64,
-    /// Metres in one of a place; `None`: not known.
+    /// Metres in one unit of the positions; `None`: unknown.
     pub(super) unit_m: Option<f64>,
     /// Whether the body must be as tall as people are, with its head above its waist most of the time.
     pub(super) checks_standing: bool,
 }
 
-/// The frames that are looked at.
+/// The frames that are examined.
 pub(super) fn some<T>(frames: &[T]) -> impl Iterator<Item = &T> {
     frames.iter().step_by(frames.len().div_ceil(FRAMES).max(1))
 }
@@ -80,18 +80,18 @@ pub(super) fn length(distances: &mut [f64]) -> Option<(f64, f64)> {
     Some((median, (at(0.9)? - at(0.1)?) / median.max(f64::MIN_POSITIVE)))
 }
 
-/// Which way the body faces, by its movements, if left is left.
+/// Whether left and right are as stated, by the movements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sides {
-    /// Elbows stand behind, it walks forward.
+    /// As stated: elbows are behind, and the body walks forward.
     Right,
-    /// The other way round: left is right.
+    /// Left and right are exchanged.
     Exchanged,
-    /// The movements do not tell.
+    /// The movements do not distinguish them.
     Unknown,
 }
 
-/// Tells the sides by the elbows, which bend to the front, and by the way the body walks, y up.
+/// Distinguishes the sides by the elbows, which bend to the front, and by the direction of walking, y up.
 pub(super) fn sides(frames: &[Places]) -> Sides {
     let front_of = |places: &Places| -> Option<(Vector3<f64>, f64)> {
         let [left, right, waist] = [places[2]?, places[3]?, places[1]?];
@@ -143,7 +143,7 @@ pub(super) fn sides(frames: &[Places]) -> Sides {
     }
 }
 
-/// What speaks against the targets being where they are said to, y up; empty: nothing. `called` says what a site is called, and what sits on it.
+/// Why the targets cannot be at their stated sites, y up; empty: no objection. `called` gives a site's name in messages.
 pub(super) fn objections(frames: &[Places], called: &dyn Fn(usize) -> String, limits: &Limits) -> Vec<String> {
     let of = |part: &Part| {
         let [a, b] = part.ends;
@@ -214,5 +214,5 @@ pub(super) fn objections(frames: &[Places], called: &dyn Fn(usize) -> String, li
     found
 }
 
-/// Where targets are in a frame, each its own.
+/// Positions of all targets in a frame, each its own.
 pub(super) type All = Vec<Option<Point3<f64>>>;

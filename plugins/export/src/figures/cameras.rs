@@ -1,4 +1,4 @@
-//! How many cameras saw each target, over time: a strip a target, dark where many did.
+//! The number of cameras that saw each target over time: a strip per target, darker for more cameras.
 
 use foveate::plot::axes::Range;
 use foveate::plot::colours::shade;
@@ -17,7 +17,7 @@ const STRIPS_LIMIT: usize = 24;
 /// Narrowest bin [s]: a round of unsynchronised cameras.
 const NARROWEST_BIN_S: f64 = 0.05;
 const BINS_LIMIT: f64 = 370.0;
-/// Known, but seen by none.
+/// Tracked, but seen by no camera.
 const UNSEEN: &str = "#e2d9cf";
 
 /// Cameras for each target, and for all of them together.

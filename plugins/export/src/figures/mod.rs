@@ -17,7 +17,7 @@ use foveate::prelude::TargetId;
 
 use crate::track_history::{History, Track};
 
-/// Of what is no target.
+/// Colour of everything but targets.
 pub(crate) const INK: &str = PAPER.ink;
 /// Truth, behind all else.
 pub(crate) const TRUTH: Pen<'static> = Pen::new(REFERENCE, 2.6);
@@ -26,9 +26,9 @@ pub(crate) const MEASURED: f64 = 1.4;
 /// Dashes of a predicted stretch.
 pub(crate) const PREDICTED: &str = "3 2.4";
 
-/// All that the figures show.
+/// Everything that the figures show.
 pub(crate) struct Subject<'a> {
-    /// Of what: the scale's name.
+    /// The scale's name.
     pub(crate) name: &'a str,
     /// Unit of length as axes write it.
     pub(crate) unit: &'a str,
@@ -39,7 +39,7 @@ pub(crate) struct Subject<'a> {
     pub(crate) tracks: Vec<Coloured<'a>>,
     /// All others.
     pub(crate) others: Vec<Coloured<'a>>,
-    /// Tracks that there was no room to keep.
+    /// Tracks that were dropped to limit memory.
     pub(crate) n_left_out: u64,
     pub(crate) truth: Vec<&'a Track>,
 }
@@ -75,7 +75,7 @@ impl<'a> Subject<'a> {
         self
     }
 
-    /// Those without a colour of their own first, so that the others lie above them.
+    /// Tracks without a colour of their own first, so that the others are drawn over them.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Coloured<'a>> {
         self.others.iter().chain(&self.tracks)
     }

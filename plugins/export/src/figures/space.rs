@@ -80,7 +80,7 @@ fn arrange(views: &[[usize; 2]], ranges: &[Range; 3]) -> (Vec<Panel>, f64) {
     (panels, scale)
 }
 
-/// What one axis must show; `reach`: how far the views of the cameras are drawn.
+/// Range of one axis; `reach`: how far the views of the cameras are drawn.
 fn range(subject: &Subject<'_>, axis: usize, reach: f64) -> Range {
     let of = |track: &Track| track.samples.iter().map(|it| f64::from(it.position[axis])).collect::<Vec<_>>();
     let mut values: Vec<f64> =
@@ -136,8 +136,8 @@ fn view(svg: &mut Svg, subject: &Subject<'_>, [across, up]: [usize; 2], panel: &
     panel.frame(svg);
 }
 
-/// The measured stretches, and then the predicted ones, of each target with a colour, and before them of all others together: what the
-/// legend says, the pen, and the lines.
+/// The measured stretches, then the predicted ones, of each target with a colour, after those of all others together: the
+/// legend's text, the pen, and the lines.
 pub(crate) fn tracks<'a>(
     subject: &Subject<'a>,
     place: impl Fn(&Sample) -> Point,
@@ -199,7 +199,7 @@ fn draw_camera(svg: &mut Svg, (centre, far): &(Point, Vec<Point>)) {
     svg.circle(*centre, 2.0, "#333333", Pen::new("#333333", 0.5));
 }
 
-/// Names beside the cameras where there is room; a name that would cover a camera or another name is left out.
+/// Names next to the cameras where there is room; a name that would cover a camera or another name is left out.
 fn camera_names(svg: &mut Svg, subject: &Subject<'_>, panel: &Panel, reach: f64, place: impl Fn([f64; 3]) -> Point) {
     let outlines: Vec<_> = subject.cameras.iter().map(|(_, camera)| outline(camera, reach, &place)).collect();
     let mut names = Names::within(panel.rect);

@@ -10,10 +10,10 @@ use crate::track_history::Sample;
 
 /// Least and largest width of a panel [px]: long runs get more, but no more than can be read on a small screen.
 const WIDTH: [f64; 2] = [660.0, 860.0];
-/// What a second should have [px].
+/// Width of a second [px].
 const WIDTH_A_SECOND: f64 = 18.0;
 const HEIGHT: f64 = 170.0;
-/// Narrowest column of a band [px]; bands are smooth, and seldom looked at closely.
+/// Narrowest column of a band [px]; bands are smooth, so details are not needed.
 const BAND_COLUMN: f64 = 2.0;
 /// Columns of all bands of a panel.
 const BAND_LIMIT: usize = 4000;

@@ -1,12 +1,12 @@
-//! `export.gltf`: targets, marks and cameras as an animated scene in glTF, in one binary file that Blender and others open.
+//! `export.gltf`: targets, marks and cameras as an animated scene in glTF, in one binary file for Blender and others.
 //!
 //! | in the file | what |
 //! |---|---|
 //! | a ball for each target | moves; shrinks to nothing while it is missing |
-//! | `face` | a mesh over the marks: a joint a mark, in the space of the head, which is the node `marks` |
-//! | a camera for each of the calibration | still, or moving where `poses` tells of it |
+//! | `face` | a mesh over the marks with one joint per mark, in the space of the head, which is the node `marks` |
+//! | a camera for each of the calibration | static, or moving where `poses` gives its pose |
 //!
-//! Marks too few for a triangle are balls, too. glTF has no place for what is filled or how certain: see the other exports.
+//! Marks too few for a triangle are balls, too. glTF cannot hold provenance or uncertainty: see the other exports.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -27,11 +27,11 @@ pub struct ExportGltfSettings {
     /// Name of the file in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
-    /// Frames a second; 0: that of the marks where they are connected, 60 otherwise [Hz]
+    /// Frame rate; 0: that of the marks where they are connected, 60 otherwise [Hz]
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rate_hz: f64,
-    /// Between two samples of a point that are farther apart it is missing [ms]
+    /// Longest gap between two samples of a point that is interpolated; in a longer one the point is missing [ms]
     #[serde(default = "default_gap_ms")]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub gap_ms: f64,
@@ -69,13 +69,13 @@ pub struct ExportGltf {
 
 figures! {
     "gltf.points": count, neither, "Targets and marks in the file";
-    "gltf.frames": count, neither, "Frames in the file, those without any point included";
+    "gltf.frames": count, neither, "Frames in the file, including those without any point";
 }
 
 impl Node for ExportGltf {
     const TYPE: &'static str = "export.gltf";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes targets, a mesh over the marks and cameras as an animated glTF scene (GLB)";
+    const SUMMARY: &'static str = "Writes targets, marks (as a mesh) and cameras as an animated glTF scene (GLB)";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportGltfSettings;
 
@@ -118,7 +118,7 @@ impl Node for ExportGltf {
             Err(length) => {
                 let name = &self.settings.file;
                 Err(NodeError::input(format!(
-                    "{name}: {length} bytes are more than the 4 GiB that a GLB file can have"
+                    "{name}: {length} bytes, expected at most 4 GiB, the limit of a GLB file"
                 )))
             }
         }

@@ -1,4 +1,4 @@
-//! A motion out of a file as an animated scene.
+//! A motion file as an animated scene.
 
 use foveate::motion::Motion;
 use foveate::motion::motion::Up;
@@ -8,15 +8,15 @@ use super::scene::{Look, scene};
 use crate::gather::{Column, Table};
 use crate::time_base::Sample;
 
-/// A GLB file with a ball of `radius_m` for each point. What was only predicted is missing in it.
+/// A GLB file with a ball of `radius_m` for each point. Predicted samples are left out.
 ///
 /// # Errors
-/// A sentence: times that are not regular, or more than the file can hold.
+/// A sentence: irregular times, or more than the file can hold.
 pub fn glb(motion: &Motion, radius_m: f64) -> Result<Vec<u8>, String> {
     let mut z_up = motion.clone();
     z_up.turn(Up::Z);
     let Some(rate_hz) = z_up.rate_hz.or((z_up.n_frames() <= 1).then_some(1.0)) else {
-        return Err("the times are not regular, and a scene is written at one rate".to_owned());
+        return Err("found irregular times, expected one frame rate for a scene".to_owned());
     };
     let sample = |it: &foveate::motion::motion::Sample| {
         let covariance = it.covariance().unwrap_or_default();
@@ -39,7 +39,7 @@ pub fn glb(motion: &Motion, radius_m: f64) -> Result<Vec<u8>, String> {
         cameras: Vec::new(),
     };
     let look = Look { radius: radius_m, cameras: None };
-    scene(&table, &look).map_err(|length| format!("{length} bytes are more than the 4 GiB that a GLB file can have"))
+    scene(&table, &look).map_err(|length| format!("{length} bytes, expected at most 4 GiB, the limit of a GLB file"))
 }
 
 #[cfg(test)]
@@ -70,6 +70,6 @@ mod tests {
         let mut y_up = motion;
         y_up.turn(Up::Y);
         assert_eq!(glb(&y_up, 0.01).unwrap(), file);
-        assert!(glb(&Motion { rate_hz: None, ..y_up }, 0.01).unwrap_err().contains("not regular"));
+        assert!(glb(&Motion { rate_hz: None, ..y_up }, 0.01).unwrap_err().contains("irregular times"));
     }
 }

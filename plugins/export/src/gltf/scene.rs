@@ -1,4 +1,4 @@
-//! From what was gathered to the nodes of a scene.
+//! The nodes of a scene, from the gathered samples.
 
 use foveate::prelude::*;
 use foveate::scene::Calibration;
@@ -9,11 +9,11 @@ use super::triangles::triangles;
 use super::{Glb, Use, Y_UP};
 use crate::gather::{Column, Poses, Table};
 
-/// What is drawn besides.
+/// Look of a scene.
 pub(super) struct Look<'a> {
-    /// Of the balls of points [m].
+    /// Radius of the balls of points [m].
     pub radius: f64,
-    /// Whose cameras are drawn; `None`: none.
+    /// Cameras that are drawn; `None`: none.
     pub cameras: Option<&'a Calibration>,
 }
 
@@ -62,7 +62,7 @@ fn times(glb: &mut Glb, frames: impl Iterator<Item = usize>, table: &Table) -> u
     glb.floats(&times, Use::Other)
 }
 
-/// Moves a node through the places of a column; it is as small as a point while they are missing.
+/// Moves a node along the positions of a column; it is scaled to a point while they are missing.
 fn travel(glb: &mut Glb, node: usize, column: &Column, table: &Table) {
     let places: Vec<[f32; 3]> = column.samples.iter().map(|it| vector(&it.1.position.coords)).collect();
     let input = times(glb, column.samples.iter().map(|it| it.0), table);
@@ -131,13 +131,13 @@ fn ball(glb: &mut Glb, radius: f32) -> usize {
 /// The two nodes of the marks.
 #[derive(Debug, Clone, Copy)]
 struct Surface {
-    /// Moves as their space does; below it a joint a mark.
+    /// Moves with their space; has one joint per mark below it.
     marks: usize,
     /// The mesh, with its skin.
     face: usize,
 }
 
-/// The marks as a surface with a joint a mark, below a node that moves as their space does. `None`: too few marks for a triangle.
+/// The marks as a surface with one joint per mark, below a node that moves with their space. `None`: too few marks for a triangle.
 fn surface(glb: &mut Glb, table: &Table) -> Option<Surface> {
     let marks = &table.own_marks;
     let mean = |it: &Column| {
@@ -185,7 +185,7 @@ fn surface(glb: &mut Glb, table: &Table) -> Option<Surface> {
     Some(Surface { marks: body, face: mesh })
 }
 
-/// Moves a node along poses, each turned by `then` in its own space.
+/// Moves a node along poses, each rotated by `then` in its own space.
 fn move_along(glb: &mut Glb, node: usize, poses: &Poses, then: &UnitQuaternion<f64>, table: &Table) {
     if poses.is_empty() {
         return;
@@ -213,7 +213,7 @@ fn move_along(glb: &mut Glb, node: usize, poses: &Poses, then: &UnitQuaternion<f
     glb.animate(node, "rotation", input, turns, "LINEAR");
 }
 
-/// A camera, still or moving. glTF's look along −z with y up, ours along z with y down.
+/// A camera, static or moving. glTF's look along −z with y up, ours along z with y down.
 fn camera_node(glb: &mut Glb, named: &foveate::scene::NamedCamera, poses: Option<&Poses>, table: &Table) -> usize {
     let camera = &named.camera;
     let [half_x, half_y] =

@@ -1,18 +1,18 @@
-//! Surfaces and bare points as glTF: what does not move.
+//! Surfaces and bare points as static glTF.
 
 use foveate::prelude::*;
 use serde_json::{Value, json};
 
 use super::{Glb, Use, Y_UP};
 
-/// Exponent between the gray levels that a screen is given and light, which glTF wants colours in.
+/// Exponent between gray levels of a screen and linear light, which glTF uses for colours.
 const GAMMA: f32 = 2.2;
 
 fn light(colour: [u8; 3]) -> [f32; 3] {
     colour.map(|it| (f32::from(it) / 255.0).powf(GAMMA))
 }
 
-/// A surface: positions, normals, colours, and for programs that know them `_SIGMA` [m] and `_WEIGHT` of each vertex.
+/// A surface: positions, normals, colours, and `_SIGMA` [m] and `_WEIGHT` of each vertex for programs that support them.
 ///
 /// # Errors
 /// As [`Glb::finish`].
@@ -63,7 +63,7 @@ pub(crate) fn cloud_glb(cloud: &PointCloud, name: &str) -> Result<Vec<u8>, usize
     finish(glb, Some(json!({ "attributes": attributes, "mode": 0 })), name)
 }
 
-/// One mesh below the node that turns our axes into those of glTF.
+/// One mesh below the node that rotates our axes into those of glTF.
 fn finish(mut glb: Glb, primitive: Option<Value>, name: &str) -> Result<Vec<u8>, usize> {
     let mut root = json!({ "name": name, "rotation": Y_UP });
     if let Some(primitive) = primitive {

@@ -1,7 +1,7 @@
-//! Triangles over the marks of a surface: Delaunay's in the plane that the marks lie nearest to, without those at the rim that span gaps.
+//! Triangles over the marks of a surface: a Delaunay triangulation in the best-fitting plane, without rim triangles that span gaps.
 //!
 //! Source: A. Bowyer, "Computing Dirichlet tessellations", The Computer Journal 24(2), 1981; D. F. Watson in the same issue. Points are added one by one: all
-//! triangles whose circle holds the point go, and their rim is joined with it.
+//! triangles whose circle contains the point are removed, and their rim is connected with it.
 
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
@@ -64,7 +64,7 @@ fn delaunay(points: &[Point2<f64>]) -> Vec<[usize; 3]> {
     triangles
 }
 
-/// Whether the circle through three corners, counter-clockwise, holds a point.
+/// Whether the circle through three corners, counter-clockwise, contains a point.
 fn holds([a, b, c]: [Point2<f64>; 3], point: Point2<f64>) -> bool {
     let rows = [a, b, c].map(|it| {
         let to = it - point;

@@ -1,4 +1,4 @@
-//! What of a session's marks the pictures show, kept as it comes.
+//! The marks of a session, thinned, for the pictures.
 
 use foveate::prelude::{Marks, Provenance};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
@@ -58,7 +58,7 @@ pub(super) struct Course {
     seen: u64,
 }
 
-/// More are not seen in a picture.
+/// More are not visible in a picture.
 const MOST: usize = 4000;
 
 impl Course {
@@ -98,7 +98,7 @@ impl Course {
     }
 }
 
-/// How a surface is looked at: right and up, for marks in their own space.
+/// A view of a surface: right and up, for marks in their own space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Front {
     middle: Point3<f64>,
@@ -107,7 +107,7 @@ pub(super) struct Front {
 }
 
 impl Front {
-    /// From before the surface, upright in the world as it stands on average. `None` for fewer than three marks, or marks on a line.
+    /// A view from the front of the surface, upright in the world as it is oriented on average. `None` for fewer than three marks, or marks on a line.
     pub fn of(moment: &Moment) -> Option<Front> {
         let points: Vec<Point3<f64>> = moment.samples.iter().map(|it| it.position.cast()).collect();
         if points.len() < 3 {

@@ -17,16 +17,16 @@ const LOWEST: f64 = 130.0;
 const HIGHEST: f64 = 800.0;
 const OURS: &str = COLOURS[0];
 const FILLED: &str = COLOURS[1];
-/// Surfaces that lie over one another in the picture of the whole way, and of how many the legend says when they were.
+/// Surfaces drawn over one another in the picture of the path, and number of them whose times the legend gives.
 const OVERLAID: usize = 60;
 const DATED: usize = 6;
 /// Stills, in rows of four.
 const STILLS: usize = 8;
-/// A line goes on over as many usual steps [–].
+/// Longest step of a line, in usual steps [–].
 const LONGEST_STEPS: f64 = 4.5;
 /// Marks of the pairs whose distances are drawn are this far apart on average [m].
 const PAIRS: std::ops::Range<f64> = 0.015..0.09;
-/// Why a figure is empty.
+/// Text of an empty figure.
 const NO_MARKS: &str = "no marks were recovered in this run";
 
 /// All surfaces over one another, in the world, from above and from the front, at one scale along all axes [Davis 2002 Fig. 63].
@@ -65,7 +65,7 @@ pub(super) fn way(course: &Course, name: &str) -> String {
 /// By how much the distances of two pairs of marks deviate from their means over time: of the pair whose distance changes most and of the one whose
 /// distance changes least [Davis 2002 Fig. 64].
 pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String {
-    let title = format!("{name}: how far the distance of two marks is from its mean over the session");
+    let title = format!("{name}: deviation of the distance of two marks from its mean over the session");
     let pairs = extreme_pairs(ours);
     if pairs.is_empty() {
         return nothing(&title, NO_MARKS);
@@ -77,12 +77,12 @@ pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String 
             let mean = distances.iter().map(|it| it.1).sum::<f64>() / distances.len().max(1) as f64;
             distances.into_iter().map(|it| [it.0, (it.1 - mean) * 1e3]).collect::<Vec<_>>()
         };
-        let title = format!("marks {}–{}, whose distance changes {what}", pair[0], pair[1]);
+        let title = format!("marks {}–{}: the distance changes {what}", pair[0], pair[1]);
         let x = Axis::new("time [s]");
         let x = if row < last { x.hidden() } else { x };
         let mut chart = Chart::new(title, [WIDTH, HEIGHT], x, Axis::new("deviation [mm]"));
         if !compared.moments.is_empty() {
-            chart = chart.with(curve("to compare with", REFERENCE, deviations(compared)));
+            chart = chart.with(curve("comparison", REFERENCE, deviations(compared)));
         }
         chart.with(curve("all cameras", OURS, deviations(ours)))
     };
@@ -90,7 +90,7 @@ pub(super) fn distances(ours: &Course, compared: &Course, name: &str) -> String 
     Figure { title, n_columns: 1, charts }.svg()
 }
 
-/// A course as a line; where something is missing for long there is none.
+/// A course as a line, broken where samples are missing for long.
 fn curve<'a>(name: &str, colour: &'a str, course: Vec<Point>) -> Series<'a> {
     let steps: Vec<f64> = course.windows(2).map(|it| it[1][0] - it[0][0]).collect();
     let longest = LONGEST_STEPS * median(&steps).unwrap_or(0.0);
@@ -98,7 +98,7 @@ fn curve<'a>(name: &str, colour: &'a str, course: Vec<Point>) -> Series<'a> {
     Series { pieces, ..Series::line(name, colour, Vec::new()) }
 }
 
-/// The pair whose distance changes most and the one whose changes least, of those that were there most of the time.
+/// The pair whose distance changes most and the pair whose distance changes least, of those that were present most of the time.
 fn extreme_pairs(course: &Course) -> Vec<[u32; 2]> {
     let labels = course.labels();
     // A hundred moments tell it.
@@ -139,7 +139,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     let charts = if course.moments.iter().any(|it| it.rms.is_some() || it.out_of_distribution.is_some()) {
         let rms = Chart::new("", [WIDTH, HEIGHT], time().hidden(), Axis::new("rms of the fit [mm]").from_zero());
         let out_of_distribution =
-            Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("outside the model [–]").from_zero());
+            Chart::new("", [WIDTH, HEIGHT], time(), Axis::new("out-of-distribution score [–]").from_zero());
         vec![
             Chart { x: time().hidden(), ..marks },
             rms.with(line("", OURS, &|it| Some(it.rms? * 1e3))),
@@ -152,7 +152,7 @@ pub(super) fn counts(course: &Course, name: &str) -> String {
     Figure { title, n_columns: 1, charts }.svg()
 }
 
-/// Some moments of the surface from before it, marks joined to their neighbours; filled marks stand out [Davis 2002 Fig. 62, 70].
+/// Some moments of the surface from the front, marks connected to their neighbours; filled marks stand out [Davis 2002 Fig. 62, 70].
 pub(super) fn stills(course: &Course, name: &str) -> String {
     const SIDE: f64 = 210.0;
     const TOP: f64 = 46.0;

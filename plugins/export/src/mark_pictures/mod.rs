@@ -1,11 +1,11 @@
-//! `export.mark_pictures`: what was recovered of a painted surface, as figures.
+//! `export.mark_pictures`: figures of a painted surface's marks.
 //!
 //! | file | what it shows |
 //! |---|---|
 //! | `face_way.svg` | the marks of some moments over one another in the world [Davis 2002 Fig. 63] |
 //! | `face_distances.svg` | the distances of two pairs of marks over time, less their means [Davis 2002 Fig. 64] |
 //! | `face_counts.svg` | how many marks were measured and filled in, how well the model fits |
-//! | `face_stills.svg` | the surface at some moments, from before it [Davis 2002 Fig. 62, 70] |
+//! | `face_stills.svg` | the surface at some moments, from the front [Davis 2002 Fig. 62, 70] |
 
 mod course;
 mod draw;
@@ -27,9 +27,9 @@ ports! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportMarkPicturesSettings {
-    /// What the names of the files begin with [–].
+    /// Prefix of the file names [–].
     pub prefix: String,
-    /// What happens before this session time is not drawn, where anything comes after it [s].
+    /// Earlier moments are not drawn, where any later ones exist [s].
     #[schemars(range(min = 0.0, max = 1e6))]
     pub start_s: f64,
 }
@@ -40,14 +40,14 @@ impl Default for ExportMarkPicturesSettings {
     }
 }
 
-/// Marks as they were measured, as a model completed them (`shape`), and others to compare their distances with, into four SVG files. Long runs
+/// Measured marks, marks completed by a model (`shape`), and others to compare their distances with, into four SVG files. Long runs
 /// are thinned.
 pub struct ExportMarkPictures {
     settings: ExportMarkPicturesSettings,
     name: String,
-    /// What the figures show: marks, shape, and what they are compared with.
+    /// Contents of the figures: marks, shape, and marks to compare with.
     shown: [Course; 3],
-    /// The same from before `start_s`, while nothing has come after it.
+    /// The same before `start_s`, while nothing has come after it.
     early: [Course; 3],
     out_dir: Option<std::path::PathBuf>,
 }
@@ -55,7 +55,7 @@ pub struct ExportMarkPictures {
 impl Node for ExportMarkPictures {
     const TYPE: &'static str = "export.mark_pictures";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Draws painted marks: their way, their distances, what was filled in, as SVG figures";
+    const SUMMARY: &'static str = "Draws paths and distances of painted marks, and which were filled in (SVG)";
     type Settings = ExportMarkPicturesSettings;
 
     fn ports() -> Ports {
@@ -97,7 +97,7 @@ impl Node for ExportMarkPictures {
             && let Some(last_s) = self.early.iter().flat_map(|it| &it.moments).map(|it| it.time_s).reduce(f64::max)
         {
             report.remark(format!(
-                "the figures `{}*.svg` show what came before `start_s` = {} s: nothing came after it (the last marks at {last_s:.2} s)",
+                "the figures `{}*.svg` show moments before `start_s` = {} s, as there are none after it (the last marks are at {last_s:.2} s)",
                 self.settings.prefix, self.settings.start_s
             ));
             self.shown = std::mem::take(&mut self.early);
@@ -183,7 +183,7 @@ mod tests {
         let mut node = node(folder.path());
         (0..60).for_each(|it| node.shown[0].push(&marks(f64::from(it) / 30.0, 36)));
         let text = draw::distances(&node.shown[0], &node.shown[2], "face");
-        assert!(text.contains("marks 0–") && text.contains("whose distance changes most"), "mark 0 moves");
+        assert!(text.contains("marks 0–") && text.contains("distance changes most"), "mark 0 moves");
         let moment = &node.shown[0].moments[0];
         let front = course::Front::of(moment).unwrap();
         // The face looks along +y with z up: seen from before it, -x is to the right.
@@ -202,7 +202,10 @@ mod tests {
         (60..90).for_each(|it| course.push(&Marks { fit: Some(fit.clone()), ..marks(f64::from(it) / 30.0, 36) }));
         let fitted = draw::counts(&course, "face");
         assert!(!fitted.contains("no shape was fitted"));
-        assert!(fitted.contains("rms of the fit [mm]") && fitted.contains("outside the model [–]"), "an axis each");
+        assert!(
+            fitted.contains("rms of the fit [mm]") && fitted.contains("out-of-distribution score [–]"),
+            "an axis each"
+        );
     }
 
     /// Places of the numbers along an axis: those of texts with this anchor [px], and what stands there.

@@ -27,14 +27,14 @@ fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
 
 impl Rigged {
     /// # Errors
-    /// A sentence: what is found, and what is expected.
+    /// A sentence: what was found, and what was expected.
     pub fn read(file: Vec<u8>) -> Result<Rigged, String> {
         let word = |at: usize| {
             let four: Option<[u8; 4]> = file.get(at..at + 4).and_then(|it| it.try_into().ok());
             four.map(u32::from_le_bytes).and_then(|it| usize::try_from(it).ok())
         };
         if !file.starts_with(b"glTF") || file.get(16..20) != Some(b"JSON") {
-            return Err("found another beginning, expected that of a GLB file of version 2".to_owned());
+            return Err("found no GLB header of version 2, expected one".to_owned());
         }
         let cut = || "the file ends within its first chunk".to_owned();
         let length = word(12).ok_or_else(cut)?;
@@ -55,7 +55,7 @@ impl Rigged {
             for child in node["children"].as_array().into_iter().flatten().filter_map(number) {
                 *parents
                     .get_mut(child)
-                    .ok_or_else(|| format!("node {parent} has a child {child} that is not there"))? = Some(parent);
+                    .ok_or_else(|| format!("node {parent} has a child {child} that does not exist"))? = Some(parent);
             }
         }
         // The first joint of the skin whose parent is none of it, and all that hangs on it.
@@ -63,12 +63,12 @@ impl Rigged {
             .iter()
             .copied()
             .find(|it| parents.get(*it).is_some_and(|it: &Option<usize>| it.is_none_or(|it| !of_skin.contains(&it))));
-        let root = root.ok_or("found no joint of its skin that hangs on none, expected one")?;
+        let root = root.ok_or("found no root joint in its skin, expected one")?;
         let (mut joints, mut chosen): (Vec<RigJoint>, Vec<usize>) = (Vec::new(), Vec::new());
         let mut waiting = vec![root];
         while let Some(node) = waiting.pop() {
             if chosen.contains(&node) {
-                return Err(format!("node {node} hangs on itself"));
+                return Err(format!("node {node} is its own ancestor"));
             }
             let it = &nodes[node];
             let name = it["name"].as_str().map_or_else(|| format!("node {node}"), str::to_owned);
@@ -98,7 +98,7 @@ impl Rigged {
             n_above += 1;
             if turned || scaled || it.get("matrix").is_some() || n_above > nodes.len() {
                 return Err(format!(
-                    "node {node}, above the skin's joints, is turned or scaled, expected y up and metres"
+                    "node {node}, above the skin's joints, is rotated or scaled, expected y up and metres"
                 ));
             }
             above = parents[node];
@@ -161,7 +161,7 @@ impl Rigged {
         }
         document["buffers"][0]["byteLength"] = json!(bytes.len());
         glb_file(&document, &bytes)
-            .map_err(|length| format!("{length} bytes are more than the 4 GiB that a GLB file can have"))
+            .map_err(|length| format!("{length} bytes, expected at most 4 GiB, the limit of a GLB file"))
     }
 }
 

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Names to the left are the rig's; those to the right are the motion's: of bodies those of `export.bodies` (`Hips`, `Head`, `LeftArm`, `LeftForeArm`, `LeftUpLeg`, `LeftLeg`, and the same on the right).
-//! Without a map joints of one name follow each other. A body without a torso, as an arm by itself is, gets one that stands still, upright, and looks along x of its scale.
+//! Without a map, joints of equal names are paired. A body without a torso, such as a single arm, gets a static one, upright and facing along x of its scale.
 
 mod glb;
 mod picture;
@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use foveate::geometry::body::{Part, SHOULDER_UP, proportions::Proportions};
 use foveate::prelude::*;
 use foveate::scene::skeleton::retarget::{
-    RetargetError, RigJoint, RigPose, Ups, as_motion, followed, odd_pairs, retarget, rig_of, ups_of,
+    RetargetError, RigJoint, RigPose, UpAxes, as_motion, followed, retarget, rig_of, suspicious_pairs, up_axes,
 };
 use foveate::scene::skeleton::{Axis, SkeletonMotion};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -38,24 +38,24 @@ ports! {
 }
 
 figures! {
-    "retarget.frames": count, neither, "Frames of the motion that were written for the rig";
-    "retarget.joints": count, high, "Joints of the rig that follow one of the motion; the others stay as they rest";
-    "retarget.frames_held": count, low, "Frames in which a joint of the body was not there, and holds its last turn";
+        "retarget.frames": count, neither, "Frames written for the rig";
+        "retarget.joints": count, high, "Joints of the rig that are driven by the motion; the others keep their rest pose";
+        "retarget.frames_held": count, low, "Frames in which a joint of the body is missing and keeps its last rotation";
 }
 
 /// Settings of [`ExportRetarget`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportRetargetSettings {
-    /// The skeleton that is to move: a BVH file, whose own motion is not read, or a GLB file with a skin [–]
+    /// The skeleton to animate: a BVH file, whose own motion is not read, or a GLB file with a skin [–]
     pub rig: String,
-    /// A BVH file whose motion it takes, turned upright where another axis than y points up in it; empty: that of the first body at the port `skeletons` [–]
+    /// A BVH file with the motion, rotated so that y is up; empty: the motion of the first body at the port `skeletons` [–]
     pub motion: String,
-    /// Joints of the rig, and for each the joint of the motion that it follows; empty: those of one name [–]
+    /// For joints of the rig, the joint of the motion that drives each; empty: joints of equal names [–]
     pub map: BTreeMap<String, String>,
-    /// Name of the file in the results folder, before its ending, which is that of the rig; empty: `retargeted` [–]
+    /// File name in the results folder without its extension, which is the rig's; empty: `retargeted` [–]
     pub name: String,
-    /// Whether a picture beside it, of the same name as SVG, shows how the rig moves [–]
+    /// Whether an SVG picture of the same name, which shows how the rig moves, is written [–]
     pub picture: bool,
 }
 
@@ -66,7 +66,7 @@ impl Default for ExportRetargetSettings {
     }
 }
 
-/// The skeleton that moves.
+/// The animated skeleton.
 enum Rig {
     Bvh(SkeletonMotion),
     Glb(Box<Rigged>),
@@ -98,7 +98,7 @@ fn read_bvh(setup: &Setup, setting: &str, path: &str) -> Result<SkeletonMotion, 
 impl Node for ExportRetarget {
     const TYPE: &'static str = "export.retarget";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Writes the motion of a body for another skeleton, a BVH or a GLB rig";
+    const SUMMARY: &'static str = "Writes the motion of a body for another skeleton, a BVH or GLB rig";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportRetargetSettings;
 
@@ -177,23 +177,24 @@ impl Node for ExportRetarget {
             let is_there = |it: &(&String, &String)| motion.joint(it.1).is_some() || !self.settings.motion.is_empty();
             let (there, missing): (Vec<_>, Vec<_>) = self.settings.map.iter().partition(is_there);
             for (of_rig, of_motion) in missing {
-                report.remark(format!("`{of_rig}` rests: the body has no {of_motion}."));
+                report.remark(format!("`{of_rig}` keeps its rest pose: the body has no {of_motion}."));
             }
             there.into_iter().map(|it| (it.0.clone(), it.1.clone())).collect()
         };
         let wrong = |it: RetargetError| NodeError::input(it.to_string());
         // Bodies stand on z = 0 whatever they do; of a file only its poses say what is up.
         let is_file = !self.settings.motion.is_empty();
-        let ups = if is_file { ups_of(&motion, &joints, &map, Axis::Y).map_err(wrong)? } else { Ups::both(Axis::Y) };
-        if !ups.are(Axis::Y) {
+        let ups =
+            if is_file { up_axes(&motion, &joints, &map, Axis::Y).map_err(wrong)? } else { UpAxes::both(Axis::Y) };
+        if !ups.are_both(Axis::Y) {
             let (at_rest, moving) = (axis_name(&ups.rest), axis_name(&ups.moving));
             report.remark(format!(
-                "The motion's {moving} points up as it moves, and {at_rest} at rest, expected y: it is turned so that y does."
+                "The motion's {moving} points up in the motion, and {at_rest} at rest, expected y: the motion was rotated to y up."
             ));
         }
-        let odd = odd_pairs(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
+        let odd = suspicious_pairs(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
         if !odd.is_empty() {
-            report.remark(format!("The map is hardly as it was meant: {}.", odd.join("; ")));
+            report.remark(format!("The map may be wrong: {}.", odd.join("; ")));
         }
         let poses = retarget(&motion, &joints, &map, Axis::Y, &ups).map_err(wrong)?;
         report.figure("retarget.frames", poses.len() as f64);
@@ -219,14 +220,14 @@ impl Rig {
     }
 }
 
-/// Joints of a rig of which the motion has one of the same name.
+/// Joints of a rig for which the motion has a joint of the same name.
 fn of_one_name(joints: &[RigJoint], is_there: impl Fn(&str) -> bool) -> Vec<(String, String)> {
     let plain = |name: &str| name.rsplit(':').next().unwrap_or(name).to_owned();
     let names = joints.iter().map(|it| plain(&it.name));
     names.filter(|it| is_there(it)).map(|it| (it.clone(), it)).collect()
 }
 
-/// What can be said of a rig and a map before anything has moved: names that are not there, nothing that follows, channels that cannot hold a turn, and of a recording all that its retargeting finds.
+/// Checks a rig and a map before any motion: missing names, joints without a pair, channels that cannot hold a rotation, and for a recording all faults of its retargeting.
 fn check(rig: &Rig, motion: Option<&SkeletonMotion>, settings: &ExportRetargetSettings) -> Result<(), ConfigError> {
     let joints = rig.joints();
     let names: Vec<&str> = match motion {
@@ -244,8 +245,8 @@ fn check(rig: &Rig, motion: Option<&SkeletonMotion>, settings: &ExportRetargetSe
     if map.is_empty() {
         let of_rig: Vec<&str> = joints.iter().map(|it| it.name.as_str()).collect();
         let (of_rig, of_motion) = (of_rig.join(", "), names.join(", "));
-        let what = "without a map joints of one name follow each other, and no name of the rig";
-        return Err(ConfigError::at("map", format!("{what} ({of_rig}) is one of the motion ({of_motion})")));
+        let what = "without a map joints of equal names are paired, but no name of the rig";
+        return Err(ConfigError::at("map", format!("{what} ({of_rig}) is a name of the motion ({of_motion})")));
     }
     if let Rig::Bvh(rig) = rig {
         let rest = RigPose { root: joints[0].offset, turns: joints.iter().map(|it| it.rest).collect() };
@@ -253,7 +254,7 @@ fn check(rig: &Rig, motion: Option<&SkeletonMotion>, settings: &ExportRetargetSe
     }
     if let Some(motion) = motion {
         let found =
-            ups_of(motion, &joints, &map, Axis::Y).and_then(|ups| retarget(motion, &joints, &map, Axis::Y, &ups));
+            up_axes(motion, &joints, &map, Axis::Y).and_then(|ups| retarget(motion, &joints, &map, Axis::Y, &ups));
         found.map_err(|it| {
             ConfigError::at(if matches!(it, RetargetError::Empty { .. }) { "motion" } else { "rig" }, it.to_string())
         })?;
@@ -266,7 +267,7 @@ fn axis_name(axis: &Vector3<f64>) -> &'static str {
     names[axis.iamax()][usize::from(axis.sum() < 0.0)]
 }
 
-/// Gives a body without a torso one that stands still, where its first shoulder was at `first`.
+/// Gives a body without a torso a static one, where its first shoulder was at `first`.
 fn add_torso(body: &mut Skeleton, first: Option<&Skeleton>) {
     let number = Part::Torso.index() as u8;
     if body.parts.iter().any(|it| it.part == number) {

@@ -1,4 +1,4 @@
-//! `puppet.svg`: how the other skeleton moves, as Figure 14 of [D'Apuzzo 1999].
+//! `puppet.svg`: the motion of the other skeleton, as in Figure 14 of [D'Apuzzo 1999].
 
 use foveate::plot::svg::Pen;
 use foveate::plot::{Axis, COLOURS, Chart, Figure, Marks, Series};

@@ -127,18 +127,18 @@ fn an_arm_by_itself_drives_a_puppet_whose_arms_stretch_out() {
 }
 
 #[test]
-fn pairs_of_a_map_that_are_hardly_meant_are_told() {
+fn unlikely_pairs_of_a_map_are_reported() {
     let of = |rig: &str, map: &[(&str, &str)]| {
         let remarks = written("puppet.bvh", rig.as_bytes(), map).0.remarks;
-        remarks.iter().filter(|it| it.contains("hardly")).cloned().collect::<Vec<_>>().join("\n")
+        remarks.iter().filter(|it| it.contains("The map may be wrong")).cloned().collect::<Vec<_>>().join("\n")
     };
-    let told = |map: &[(&str, &str)]| of(PUPPET, map);
-    assert_eq!(told(&MAP), "");
+    let remark = |map: &[(&str, &str)]| of(PUPPET, map);
+    assert_eq!(remark(&MAP), "");
     let side = of(&PUPPET.replace("arm_r", "arm_l"), &[("pelvis", "Hips"), ("arm_l", "RightArm")]);
     assert!(side.contains("`arm_l` follows RightArm: left and right"), "{side}");
-    let order = told(&[("pelvis", "Hips"), ("arm_r", "RightForeArm"), ("fore_r", "RightArm")]);
+    let order = remark(&[("pelvis", "Hips"), ("arm_r", "RightForeArm"), ("fore_r", "RightArm")]);
     assert!(order.contains("`fore_r` hangs below `arm_r`") && order.contains("RightArm"), "{order}");
-    let leg = told(&[("pelvis", "Hips"), ("leg_r", "RightArm")]);
+    let leg = remark(&[("pelvis", "Hips"), ("leg_r", "RightArm")]);
     assert!(leg.contains("`leg_r`, below the root at rest, follows RightArm, above it"), "{leg}");
 }
 
@@ -176,7 +176,7 @@ fn rigs_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn maps_that_cannot_be_are_told_before_the_run() {
+fn impossible_maps_are_refused_before_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = folder.path().join(name);

@@ -1,15 +1,15 @@
-//! `export.surface`: the surface that clouds were joined into, as PLY and GLB, and as pictures of it from the front.
+//! `export.surface`: the joined surface as PLY and GLB, and as pictures from the front.
 //!
 //! | file | what |
 //! |---|---|
 //! | `NAME.ply` | binary, little endian: x, y, z [m], nx, ny, nz, red, green, blue, weight, sigma [m] of each vertex; triangles |
 //! | `NAME.glb` | the same for viewers; y up, `_SIGMA` and `_WEIGHT` beside positions, normals and colours |
 //! | `NAME_shaded.png` | the bare surface from the front, lit from the upper left |
-//! | `NAME_range.png` | 16 bits a pixel: distance from a plane before the surface in units of `range_unit_mm`; 0 where there is none |
+//! | `NAME_range.png` | 16 bits a pixel: distance from a plane in front of the surface in units of `range_unit_mm`; 0 where there is none |
 //!
-//! With `each_moment`, every surface that comes is written, as `NAME_0001` and so on, one to a moment; their pictures are taken from the front of the first one.
+//! With `each_moment`, every surface is written, as `NAME_0001` and so on, one per moment; all pictures have the view of the first one.
 //!
-//! From the front is from where the surface faces on the whole, and where it is closed from where the cameras of the calibration stand (the first one, where they stand all around); pictures have no perspective.
+//! The front is the mean direction of the normals; for a closed surface it is the side of the calibration's cameras (of the first one, where they are all around). Pictures have no perspective.
 
 mod view;
 
@@ -31,14 +31,14 @@ ports! {
 }
 
 figures! {
-    "export.triangles": count, neither, "Triangles of the surface that was written, of each the median";
+        "export.triangles": count, neither, "Triangles of the surface written; with several surfaces the median";
 }
 
 /// Settings of [`ExportSurface`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExportSurfaceSettings {
-    /// What its files are called, before their endings [–]
+    /// File names without their extensions [–]
     pub name: String,
     /// Whether a PLY file is written [–]
     pub ply: bool,
@@ -46,15 +46,15 @@ pub struct ExportSurfaceSettings {
     pub glb: bool,
     /// Whether a range and a shaded picture are written [–]
     pub pictures: bool,
-    /// Whether every surface is written, numbered, and not the last one alone: for what changes its shape, with `each_moment` of `structured_light.surface` [–]
+    /// Whether every surface is written with a number, and not only the last one: for deforming objects, with `each_moment` of `structured_light.surface` [–]
     pub each_moment: bool,
-    /// Surfaces that are written then, at most [–]
+    /// Most surfaces that are written then [–]
     #[schemars(range(min = 1, max = 100000))]
     pub max_surfaces: u64,
     /// Height of the pictures [px]
     #[schemars(range(min = 16, max = 8192))]
     pub height_px: u32,
-    /// What one gray level of the range picture stands for [mm]
+    /// Size of one gray level of the range picture [mm]
     #[schemars(range(min = 0.0001, max = 1000.0))]
     pub range_unit_mm: f64,
 }
@@ -79,21 +79,20 @@ pub struct ExportSurface {
     settings: ExportSurfaceSettings,
     file: WholeFile,
     last: Option<Arc<Mesh>>,
-    /// Surfaces that are written, and those that are one too many.
+    /// Surfaces written, and surfaces beyond the limit.
     written: u64,
     left_out: u64,
     triangles: Vec<f64>,
     frame: Option<Frame>,
     report: Report,
-    /// Where the cameras stand [m].
+    /// Positions of the cameras [m].
     cameras: Vec<Point3<f64>>,
 }
 
 impl Node for ExportSurface {
     const TYPE: &'static str = "export.surface";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Writes the surface of a run, or each, as PLY and GLB, and a range and a shaded picture of it";
+    const SUMMARY: &'static str = "Writes surfaces as PLY and GLB, with range and shaded pictures";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ExportSurfaceSettings;
 
@@ -148,7 +147,7 @@ impl Node for ExportSurface {
         }
         if self.left_out > 0 && self.file.is_wanted() {
             let (n, all) = (self.settings.max_surfaces, self.settings.max_surfaces + self.left_out);
-            report.remark(format!("of {all} surfaces the first {n} are written, as `max_surfaces = {n}` says"));
+            report.remark(format!("the first {n} of {all} surfaces are written (`max_surfaces = {n}`)"));
         }
         Ok(())
     }
@@ -300,7 +299,7 @@ mod tests {
         }
         let report = bench.finish().unwrap();
         assert_eq!((report.files.len(), report.figures["export.triangles"]), (8, 4.0));
-        assert!(report.remarks[0].contains("of 3 surfaces the first 2"), "{:?}", report.remarks);
+        assert!(report.remarks[0].contains("the first 2 of 3 surfaces"), "{:?}", report.remarks);
         let shaded = |number: u32| {
             let picture = image::open(folder.path().join(format!("surface_000{number}_shaded.png"))).unwrap();
             picture.into_luma8()

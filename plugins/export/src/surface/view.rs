@@ -7,15 +7,15 @@ use crate::cloud::shade;
 
 /// Part of the picture that stays empty at each edge.
 const MARGIN: f64 = 0.03;
-/// Columns over rows at most, either way.
+/// Largest ratio of columns to rows, or of rows to columns.
 const MOST_STRETCHED: f64 = 4.0;
 
-/// Normals of a surface that is closed cancel out: their mean is shorter [–].
+/// The mean normal of a closed surface is shorter than this [–].
 const CLOSED: f64 = 0.2;
-/// Cameras stand on one side of a place where the mean of the directions to them is longer [–].
+/// Cameras are on one side of a place where the mean of the directions to them is longer than this [–].
 const ONE_SIDED: f64 = 0.5;
 
-/// The direction to the cameras that stand on one side of `place`; to the first one where they stand around it.
+/// The direction to the cameras that are on one side of `place`; to the first one where they surround it.
 fn side_of(cameras: &[Point3<f64>], place: &Point3<f64>) -> Option<Vector3<f64>> {
     let ways: Vec<Vector3<f64>> = cameras.iter().filter_map(|it| (it - place).try_normalize(1e-9)).collect();
     let mean = ways.iter().sum::<Vector3<f64>>() / ways.len() as f64;
@@ -28,24 +28,24 @@ pub(super) struct View {
     pub size: [u32; 2],
     /// 8 bits a pixel; 0 where there is no surface.
     pub shaded: Vec<u8>,
-    /// From a plane a little before the nearest point, by pixel; infinite where there is no surface [m].
+    /// Distance from a plane a little in front of the nearest point, by pixel; infinite where there is no surface [m].
     depths: Vec<f32>,
 }
 
-/// Where pictures of surfaces are taken from, and how large.
+/// View and size of pictures of surfaces.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     view_from_mesh: Matrix3<f64>,
-    /// The middle of the picture, in the view [m].
+    /// Centre of the picture, in the view [m].
     middle: Vector3<f64>,
-    /// The plane that depths are from, along the view [m].
+    /// The plane that depths are measured from, along the view [m].
     before: f64,
     pixel_m: f64,
     size: [u32; 2],
 }
 
 impl Frame {
-    /// From where the surface faces; one that is closed from where `cameras` stand. `None` for a surface without a triangle.
+    /// From the front of the surface; for a closed one from the side of `cameras`. `None` for a surface without a triangle.
     pub fn of(mesh: &Mesh, cameras: &[Point3<f64>], rows: u32) -> Option<Frame> {
         mesh.triangles().next()?;
         let vertices: Vec<MeshVertex> = mesh.vertices().collect();
@@ -71,7 +71,7 @@ impl Frame {
         Some(Frame { view_from_mesh, middle: (low + high) / 2.0, before, pixel_m, size: [columns, rows] })
     }
 
-    /// What of a surface lies in the frame.
+    /// The part of a surface that is in the frame.
     pub fn view(&self, mesh: &Mesh) -> View {
         let Frame { view_from_mesh, middle, before, pixel_m, size } = *self;
         let [columns, rows] = size;

@@ -1,18 +1,18 @@
-//! Which corner of a chessboard is which, where cameras may see the wall upside down, or mirrored from behind.
+//! Resolves the order of a chessboard's corners, where cameras may see the wall upside down, or mirrored from behind.
 //!
-//! A board that is turned by half a turn or mirrored looks like itself, so that one picture of it cannot tell. Boards at several places can: under the right order of
+//! A board that is turned by half a turn or mirrored looks like itself, so that one picture of it is ambiguous. Boards at several places resolve it: under the right order of
 //! corners one homography explains all pictures. From one board on, the next nearest is added in that order of its corners that the homography so far predicts
-//! best; what fits best in the end is taken.
+//! best; the best fit is taken.
 
 use foveate::estimation::statistics::median;
 use foveate::geometry::{PlaneMap, PlanePoint};
 use nalgebra::{Matrix3, Point2};
 
-/// Boards from which the search starts: one may lie elsewhere than was told.
+/// Boards from which the search starts: one may be elsewhere than stated.
 const STARTS: usize = 3;
 /// The second best order must fit so many times worse than the best.
 const CLEARLY: f64 = 4.0;
-/// A board that fits worse than this, for the median of its corners, lies elsewhere than was told [px].
+/// A board with a larger median error of its corners is elsewhere than stated [px].
 const ELSEWHERE_PX: f64 = 3.0;
 
 /// Inner corners of a board along its rows and columns.
@@ -23,7 +23,7 @@ pub type BoardSize = [u32; 2];
 pub(super) struct SeenBoard {
     /// Its corners on the wall [m].
     pub(super) places: Vec<Point2<f64>>,
-    /// What the detector took for the same corners, with standard deviations [px].
+    /// The detector's pixels of the same corners, with standard deviations [px].
     pub(super) pixels: Vec<(Point2<f64>, f64)>,
 }
 
@@ -47,12 +47,12 @@ impl SeenBoard {
     }
 }
 
-/// One of the ways in which a board looks like itself.
+/// A symmetry of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Order {
     from_right: bool,
     from_below: bool,
-    /// Columns for rows: square boards only.
+    /// Columns and rows are exchanged: square boards only.
     crossed: bool,
 }
 
@@ -79,10 +79,10 @@ impl Order {
     }
 }
 
-/// The corners of all boards as points of known place, by board; `None` for a board that lies elsewhere than was told.
+/// The corners of all boards as points of known place, by board; `None` for a board that is elsewhere than stated.
 ///
 /// # Errors
-/// Why the order of corners cannot be told.
+/// Why the order of corners is ambiguous.
 pub(super) fn untangled(
     image_size: [u32; 2],
     boards: &[SeenBoard],
@@ -90,7 +90,7 @@ pub(super) fn untangled(
 ) -> Result<Vec<Option<Vec<PlanePoint>>>, String> {
     if boards.len() < 2 {
         return Err(format!(
-            "it saw the board at {} places, expected several, in more rows and columns than one: from one, which way round it sees the board cannot be told",
+            "it saw the board at {} places, expected several, in two or more rows and columns: from one place the orientation of the board is ambiguous",
             boards.len()
         ));
     }
@@ -100,14 +100,14 @@ pub(super) fn untangled(
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut found = found.into_iter();
     let Some((misses, orders)) = found.next() else {
-        return Err("no homography explains its pictures of the board: are they of the places that were told?".into());
+        return Err("no homography fits its pictures of the board: was the board at the stated places?".into());
     };
     // Most ways to begin end at the same orders; another answer has most boards the other way round.
     let differs = |it: &Vec<Order>| 2 * it.iter().zip(&orders).filter(|(a, b)| a != b).count() >= boards.len();
     let second = found.find(|it| differs(&it.1)).map_or(f64::INFINITY, |it| it.0);
     if second < CLEARLY * misses.max(0.25) {
         return Err(format!(
-            "it saw the board at {} places in one line: whether it sees them mirrored cannot be told; expected places in more rows and columns than one",
+            "it saw the board at {} places in one line: whether it sees them mirrored is ambiguous; expected places in two or more rows and columns",
             boards.len()
         ));
     }

@@ -1,4 +1,4 @@
-//! One camera's map from points of known place, and the error at points that the fit did not know.
+//! One camera's map from points of known place, and its error at held-out points.
 
 use foveate::geometry::{PlaneMap, PlaneMapError, PlanePoint};
 use foveate::scene::WallCamera;
@@ -8,39 +8,39 @@ use serde::{Deserialize, Serialize};
 
 use super::WallSize;
 
-/// Every so many dots one is held out; boards are held out in so many turns.
+/// One of this many dots is held out; boards are held out in this many rounds.
 pub(super) const HELD_OUT: usize = 4;
 
-/// What a wall is like.
+/// Shape of a wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Surface {
     /// A plane.
     #[default]
     Flat,
-    /// It bends: along an arc, in swells.
+    /// Curved: along an arc, or wavy.
     Curved,
 }
 
 /// A point that a camera saw, and the dot or board that it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sighting {
-    /// The place of the dot or board in the order in which the camera saw them.
+    /// Index of the dot or board in the order in which the camera saw them.
     pub(super) group: usize,
-    /// Where it is, and where it was seen.
+    /// Its place, and where it was seen.
     pub(super) point: PlanePoint,
 }
 
-/// How the error where nothing was fitted is found.
+/// How held-out points are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HoldOut {
     /// Every fourth group, once.
     Fourth,
-    /// Every group, in four turns: where there are few.
+    /// Every group, in four rounds: for few groups.
     InTurn,
 }
 
-/// The map of a camera whose picture is `size`, of a wall like `surface`; `what` names the points in messages; `brightest` is what the wall reads there; an error at
+/// The map of a camera with pictures of `size`, of a wall of shape `surface`; `what` names the points in messages; `brightest` is the wall's gray level; an error at
 /// held-out points above `limit_px` is refused [px of the wall].
 ///
 /// # Errors
@@ -57,30 +57,27 @@ pub(super) fn fit(
     let map = fitted.map(&|_| true)?;
     let (held_out_px, n) = fitted.held_out_px()?;
     if n == 0 {
-        return Err(format!(
-            "none of the {what} that it saw could be held out: they are too few, expected them all over its picture"
-        ));
+        return Err(format!("too few of the {what} that it saw to hold some out, expected them all over its picture"));
     }
     if held_out_px > limit_px || held_out_px.is_nan() {
-        let told = format!(
-            "at {n} {what} that were held out it is off by {held_out_px:.2} px of the wall, expected at most {limit_px}"
-        );
+        let error =
+            format!("at {n} held-out {what} it is off by {held_out_px:.2} px of the wall, expected at most {limit_px}");
         // Whether it bends is tried, not guessed.
         let curved = Fitted { surface: Surface::Curved, ..fitted }.held_out_px().ok().map(|it| it.0);
         return Err(match (surface, curved) {
             (Surface::Flat, Some(px)) if px <= limit_px => {
-                format!("{told}: the wall bends; with `surface = \"curved\"` it is off by {px:.2} px")
+                format!("{error}: the wall is curved; with `surface = \"curved\"` it is off by {px:.2} px")
             }
-            (Surface::Flat, _) => format!("{told}: is the wall flat, and its size right?"),
+            (Surface::Flat, _) => format!("{error}: is the wall flat, and its size right?"),
             (Surface::Curved, _) => {
-                format!("{told}: is its size right, does it bend without kinks, and are there {what} all over it?")
+                format!("{error}: is its size right, is it curved without kinks, and are there {what} all over it?")
             }
         });
     }
     Ok(WallCamera { map, held_out_px: held_out_px.max(1e-6), brightest: brightest.max(1.0) })
 }
 
-/// What a map is fitted to.
+/// Points and options of a fit.
 #[derive(Clone, Copy)]
 struct Fitted<'a> {
     wall: &'a WallSize,
@@ -92,7 +89,7 @@ struct Fitted<'a> {
 }
 
 impl Fitted<'_> {
-    /// The map by the points of the groups that `keep` takes.
+    /// The map from the points of the groups that `keep` accepts.
     fn map(&self, keep: &dyn Fn(usize) -> bool) -> Result<PlaneMap, String> {
         let points = self.points(keep);
         let map = match self.surface {
@@ -103,12 +100,12 @@ impl Fitted<'_> {
         map.map_err(|error| match error {
             PlaneMapError::TooFew { count, least } => {
                 format!(
-                    "it saw {count} {what}, expected at least {least}: does it look at the wall, and is the way free?"
+                    "it saw {count} {what}, expected at least {least}: does it see the wall, without obstacles?"
                 )
             }
             PlaneMapError::OnALine { count, .. } => {
                 format!(
-                    "it saw {count} {what} on one line, expected {what} all over its picture: most of its view is hidden, or beside the wall"
+                    "it saw {count} {what} on one line, expected {what} all over its picture: most of its view is blocked, or outside of the wall"
                 )
             }
             PlaneMapError::NoFit(why) => why,
@@ -119,7 +116,7 @@ impl Fitted<'_> {
         self.seen.iter().filter(|it| keep(it.group)).map(|it| it.point).collect()
     }
 
-    /// The error at points that were held out, root mean square [px of the wall], and how many there were. Where the wall bends, at those between others.
+    /// The error at held-out points, root mean square [px of the wall], and how many there were. For a curved wall, at points between others.
     fn held_out_px(&self) -> Result<(f64, usize), String> {
         let turns = match self.hold_out {
             HoldOut::Fourth => 1..2,
@@ -146,7 +143,7 @@ impl Fitted<'_> {
     }
 }
 
-/// Whether a point lies between others: they lie around it without a gap of half a turn.
+/// Whether a point lies between others: they surround it without a gap of half a turn.
 fn is_among(point: &Point2<f64>, others: &[PlanePoint]) -> bool {
     let mut angles: Vec<f64> = others.iter().map(|it| it.point - point).map(|it| it.y.atan2(it.x)).collect();
     angles.sort_by(f64::total_cmp);
@@ -155,13 +152,13 @@ fn is_among(point: &Point2<f64>, others: &[PlanePoint]) -> bool {
     angles.windows(2).map(|it| it[1] - it[0]).fold(around, f64::max) < std::f64::consts::PI
 }
 
-/// Square of the distance between where `map` has a point and where it is [m²].
+/// Squared distance between a point and its place by `map` [m²].
 fn miss(map: &PlaneMap, it: &PlanePoint) -> f64 {
     let placed = map.place(&it.pixel, &Matrix2::zeros());
     placed.map_or(f64::INFINITY, |placed| (placed.point - it.point).norm_squared())
 }
 
-/// How a camera looks at the wall, where that is not as people do.
+/// A camera's unusual view of the wall: mirrored or upside down.
 pub(super) fn stance(map: &PlaneMap) -> Option<&'static str> {
     let middle = Point2::from(map.image_size.map(|it| (f64::from(it) - 1.0) / 2.0));
     let (_, pixel_by_point) = map.pixel_with_jacobian(&map.point(&middle)?)?;

@@ -1,4 +1,4 @@
-//! A printed chessboard that was held flat against the wall: when, and where.
+//! Times and places of a printed chessboard that was held flat on the wall.
 
 use foveate::prelude::*;
 use nalgebra::{Point2, Rotation2, Vector2};
@@ -7,28 +7,28 @@ use serde::{Deserialize, Serialize};
 
 use super::{BoardSize, Shown};
 
-/// One place of a board that was held flat against the wall.
+/// One place of a board that was held flat on the wall.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeldBoard {
-    /// It was still from this session time on [s].
+    /// Start of the time in which it was still, in session time [s].
     pub from_s: f64,
-    /// Until this one [s].
+    /// End of that time [s].
     pub until_s: f64,
     /// Its first inner corner on the wall: the upper left one when its rows are level [m].
     pub corner_m: [f64; 2],
     /// Side of a square [mm].
     pub square_mm: f64,
-    /// From the wall's x, to the right, to the board's rows, clockwise as seen from the front [deg].
+    /// Angle from the wall's x, to the right, to the board's rows, clockwise as seen from the front [deg].
     #[serde(default)]
     pub turned_deg: f64,
 }
 
 impl HeldBoard {
-    /// The same as if the wall had shown it.
+    /// The same in the form of a board that the wall shows.
     ///
     /// # Errors
-    /// Times that are no stretch of time, squares without a side.
+    /// Times that are no interval, squares without a side.
     pub(super) fn shown(&self, [columns, rows]: BoardSize) -> Result<Shown, ConfigError> {
         let HeldBoard { from_s, until_s, corner_m, square_mm, turned_deg } = self.clone();
         ConfigError::unless_in("held.from_s", from_s, 0.0..=1e6)?;

@@ -1,12 +1,12 @@
-//! `laser_pointer.calibrator`: maps cameras to a wall by dots that the wall shows, or by a chessboard.
+//! `laser_pointer.calibrator`: maps cameras to a wall from dots that the wall shows, or by a chessboard.
 
 mod boards;
+mod extent;
 mod fit;
 mod held;
 mod shown;
 #[cfg(test)]
 mod tests;
-mod told;
 
 use std::path::PathBuf;
 
@@ -21,7 +21,7 @@ pub use fit::Surface;
 pub use held::HeldBoard;
 pub use shown::{CameraResult, Frame, Shown, ShownCalibration, ShownOptions, Spot, WallSize, calibrate};
 
-/// A run with fewer dots was cut short: that is told, and no failure.
+/// A run with fewer dots was interrupted, which is a remark and no failure.
 const LEAST_DOTS: usize = 40;
 /// The same for places of a board.
 const LEAST_BOARDS: usize = 20;
@@ -32,21 +32,21 @@ ports! {
 }
 
 figures! {
-    "wall_calibration.cameras": count, high, "Cameras that were mapped to the wall";
+    "wall_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall";
     "wall_calibration.cameras_failed": count, low, "Cameras without a map: the remarks say why";
     "wall_calibration.dots": count, neither, "Dots, or places of a board, that were shown";
-    "wall_calibration.dots_seen.*": count, high, "Dots, or places of a board, that this camera saw and did not see move";
-    "wall_calibration.dots_hidden.*": count, low, "Dots, or places of a board, within this camera's picture that another camera saw and this one did not";
-    "wall_calibration.held_out_px.*": px, low, "Error of this camera's map at every fourth dot, fitted without them, or at the corners of a board at places that were left out in four turns; root mean square, in pixels of the wall";
-    "wall_calibration.held_out_median_px": px, low, "The median of these over the cameras";
-    "wall_calibration.dark_displays": count, low, "Displays of which no camera saw a dot or a board";
+        "wall_calibration.dots_seen.*": count, high, "Dots, or places of a board, that this camera saw at rest";
+    "wall_calibration.dots_hidden.*": count, low, "Dots, or places of a board, in this camera's picture that only another camera saw";
+    "wall_calibration.held_out_px.*": px, low, "Error of this camera's map at every fourth dot, fitted without them, or at the corners of a board at places held out in four rounds; root mean square, in pixels of the wall";
+    "wall_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at dots held out, median camera";
+        "wall_calibration.dark_displays": count, low, "Displays on which no camera saw a dot or a board";
 }
 
 /// Settings of [`Calibrator`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CalibratorSettings {
-    /// Width and height of what the wall can show, bezels between displays included, as measured [m]
+    /// Width and height of the displayed area, bezels between displays included, as measured [m]
     pub size_m: [f64; 2],
     /// Side of a pixel of the wall [mm]
     #[schemars(range(min = 0.05, max = 20.0))]
@@ -54,14 +54,14 @@ pub struct CalibratorSettings {
     /// Displays along rows and columns [–]
     #[serde(default = "default_tiles")]
     pub tiles: [u32; 2],
-    /// What the wall is like: `flat`, or `curved` along an arc or in swells, which takes dots, at least 32 of them in each camera's picture [–]
+    /// Shape of the wall: `flat`, or `curved` along an arc or wavy, which needs dots, at least 32 of them in each camera's picture [–]
     #[serde(default)]
     pub surface: Surface,
-    /// So long after it was asked for a dot is certain to be seen, and the one before it to be gone; more than the display's latency and two of its pictures [ms]
+    /// Delay after a request until the dot is certainly seen, and the one before it gone; more than the display's latency and two of its pictures [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     #[serde(default = "default_settle_ms")]
     pub settle_ms: f64,
-    /// Largest error at dots that were held out, root mean square; a camera with more gets no map [px of the wall]
+    /// Largest error at held-out dots, root mean square; a camera with a larger error gets no map [px of the wall]
     #[schemars(range(min = 0.01, max = 1000.0))]
     #[serde(default = "default_limit_px")]
     pub limit_px: f64,
@@ -69,13 +69,13 @@ pub struct CalibratorSettings {
     /// a target of `shown` whose identity counts row by row. Left out: dots [–]
     #[serde(default)]
     pub board: Option<BoardSize>,
-    /// A printed board that was held flat against the wall, place by place, in place of `shown` [–]
+    /// Times and places of a printed board that was held flat on the wall, instead of `shown` [–]
     #[serde(default)]
     pub held: Vec<HeldBoard>,
-    /// Brightest that the wall itself can be in the cameras' pictures, as the tracker is to take it. Left out: as bright as the dots, or the white of the board, were in each camera [gray level]
+    /// Largest brightness of the wall itself in the cameras' pictures, for the tracker. Left out: the brightness of the dots, or of the board's white, in each camera [gray level]
     #[serde(default)]
     pub brightest: Option<f64>,
-    /// Name of the file with the maps that is written into the results folder [–]
+    /// Name of the file with the maps in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
 }
@@ -96,18 +96,18 @@ fn default_file() -> String {
     "wall.map.toml".to_owned()
 }
 
-/// Spots of each camera and what the wall was told to show in, one dot or board at a time; a file with the maps in the results folder, with what they are worth. Cameras that cannot
-/// be mapped, displays that stay dark and dots that are hidden are named; the other cameras get their maps.
+/// Spots of each camera and the wall's requested dots or boards in, one at a time; a file with the maps and their errors in the results folder. Cameras that cannot
+/// be mapped, dark displays and hidden dots are named; the other cameras get their maps.
 pub struct Calibrator {
     settings: CalibratorSettings,
     names: Vec<String>,
     sizes: Vec<[u32; 2]>,
     shown: Vec<Shown>,
-    /// The identity and the place of the first of what was shown last.
+    /// The identity and the first place of what was shown last.
     last: Option<(u32, Point2<f64>)>,
-    /// Whether the wall was told to show something when it was told anything last.
+    /// Whether the last request was to show something.
     is_showing: bool,
-    /// Times at which more dots than one, or another number of corners than the board's, were asked for.
+    /// Times with requests of several dots, or of another number of corners than the board's.
     crowded: u64,
     frames: Vec<Vec<Frame>>,
     out_dir: Option<PathBuf>,
@@ -116,8 +116,7 @@ pub struct Calibrator {
 impl Node for Calibrator {
     const TYPE: &'static str = "laser_pointer.calibrator";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str =
-        "Maps cameras to a wall by dots or a chessboard that it shows, and says how good the maps are";
+    const SUMMARY: &'static str = "Maps cameras to a wall from dots or a chessboard on it, and rates the maps";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 
@@ -140,11 +139,11 @@ impl Node for Calibrator {
         if let (false, None) = (settings.held.is_empty(), settings.board) {
             return Err(ConfigError::at(
                 "held",
-                "found places of a board, expected `board` to say how many corners it has",
+                "found places of a board, expected `board` with its number of corners",
             ));
         }
         if settings.surface == Surface::Curved && settings.board.is_some() {
-            let message = "found `curved` with a board, expected dots: which way round a board is seen is told by places on one plane";
+            let message = "found `curved` with a board, expected dots: the orientation of a board can be resolved on a plane only";
             return Err(ConfigError::at("surface", message));
         }
         let mut shown = Vec::new();
@@ -194,17 +193,17 @@ impl Node for Calibrator {
         let wall = WallSize { size_m, pixel_m: pixel_mm * 1e-3, tiles };
         let options = ShownOptions { board, settle: Interval::from_ms(settle_ms), surface, limit_px };
         let things = self.things();
-        told::beyond(&wall, &self.shown, things).map_err(NodeError::input)?;
+        extent::beyond(&wall, &self.shown, things).map_err(NodeError::input)?;
         let found = calibrate(&wall, &self.sizes, &self.shown, &self.frames, &options);
         // A wall that has shown everything is told to show nothing.
         let is_cut = self.is_showing && self.settings.held.is_empty();
         if is_cut {
             report.remark(format!(
-                "the run was over while the wall was still shown {things}, after {} of them: give it more time (`duration_s`)",
+                "the run ended before all {things} were shown, after {} of them: extend it (`duration_s`)",
                 self.shown.len()
             ));
         } else if self.settings.held.is_empty() {
-            told::doubts(&wall, &self.shown, things).into_iter().for_each(|it| report.remark(it));
+            extent::doubts(&wall, &self.shown, things).into_iter().for_each(|it| report.remark(it));
         }
         self.tell(&found, is_cut, report);
         let mut map = found.map(&wall, &self.names);
@@ -214,11 +213,11 @@ impl Node for Calibrator {
         if map.cameras.is_empty() {
             let n = self.shown.len();
             let least = if board.is_some() { LEAST_BOARDS } else { LEAST_DOTS };
-            let message = format!("no camera could be mapped to the wall by {n} {}", self.things());
+            let message = format!("no camera could be mapped to the wall from {n} {}", self.things());
             if n >= least {
                 return Err(NodeError::input(message));
             }
-            report.remark(format!("{message}: the run was over before there were {least}"));
+            report.remark(format!("{message}: the run ended before there were {least}"));
             return Ok(());
         }
         let Some(folder) = &self.out_dir else { return Ok(()) };
@@ -227,7 +226,7 @@ impl Node for Calibrator {
 }
 
 impl Calibrator {
-    /// Takes in what the wall is told to show from `time` on.
+    /// Takes in what the wall is requested to show from `time` on.
     fn show(&mut self, time: Time, list: &[Target]) {
         let n = self.settings.board.map_or(1, |[columns, rows]| (columns * rows) as usize);
         let mut list: Vec<&Target> = list.iter().collect();
@@ -249,7 +248,7 @@ impl Calibrator {
         self.last = begins;
     }
 
-    /// What is shown, in words.
+    /// Name of the shown objects in messages.
     fn things(&self) -> &'static str {
         if self.settings.board.is_some() { "places of a board" } else { "dots" }
     }
@@ -270,14 +269,14 @@ impl Calibrator {
                     // What comes after a colon asks about the room.
                     let so_far = why.split_once(": ").map_or(why.as_str(), |it| it.0);
                     report.remark(match is_cut {
-                        true => format!("camera `{name}` has no map, by what the wall had shown until then: {so_far}"),
+                        true => format!("camera `{name}` has no map from what the wall has shown so far: {so_far}"),
                         false => format!("camera `{name}` has no map: {why}"),
                     });
                 }
             }
             if *hidden > 0 {
                 report.remark(format!(
-                    "camera `{name}` did not see {hidden} {things} that lie in its picture and that other cameras saw: something stands in its way"
+                    "camera `{name}` did not see {hidden} {things} in its picture that other cameras saw: something blocks its view"
                 ));
             }
             if let Some(stance) = camera.stance {
@@ -285,28 +284,28 @@ impl Calibrator {
             }
             if let (Some(found), Some([columns, rows])) = (camera.other_corners, self.settings.board) {
                 report.remark(format!(
-                    "camera `{name}` saw boards of {found} corners where one of {columns} x {rows} was shown: are `columns` and `rows` of its detector those of `board`?"
+                    "camera `{name}` saw boards of {found} corners where one of {columns} x {rows} was shown: do `columns` and `rows` of its detector match `board`?"
                 ));
             }
             if camera.n_elsewhere > 0 {
                 report.remark(format!(
-                    "camera `{name}` saw the board {} times elsewhere than was told: these were left out",
+                    "camera `{name}` saw the board {} times elsewhere than stated: these were left out",
                     camera.n_elsewhere
                 ));
             }
             if camera.n_doubtful > 0 && self.settings.board.is_some() {
                 report.remark(format!(
-                    "camera `{name}` saw the board move, or not all of it, at {} places: they were left out; is `settle_ms` long enough?",
+                    "camera `{name}` saw the board moving or incomplete at {} places, which were left out; is `settle_ms` long enough?",
                     camera.n_doubtful
                 ));
             } else if camera.n_late > camera.n_doubtful / 2 {
                 report.remark(format!(
-                    "camera `{name}` saw {} dots only after a while, in their time but with or after the one before: they were left out; `settle_ms` is {}, expected more than the display takes and two of its pictures",
+                    "camera `{name}` saw {} dots late, together with or after the one before, which were left out; `settle_ms` is {}, expected more than the display's latency and two of its pictures",
                     camera.n_late, self.settings.settle_ms
                 ));
             } else if camera.n_doubtful > 0 {
                 report.remark(format!(
-                    "camera `{name}` saw {} dots together with other lights, or moving: they were left out; is the wall dark but for the dots?",
+                    "camera `{name}` saw {} dots together with other lights, or moving, which were left out; is the wall dark except for the dots?",
                     camera.n_doubtful
                 ));
             }
@@ -321,15 +320,15 @@ impl Calibrator {
         if self.crowded > 0 {
             report.remark(match self.settings.board {
                 None => format!(
-                    "more dots than one were asked for at {} moments: these were left out, expected one at a time",
+                    "several dots were requested at {} moments, which were left out, expected one at a time",
                     self.crowded
                 ),
                 Some(_) if !self.settings.held.is_empty() => format!(
-                    "the wall was told to show something at {} moments though `held` says that a board was held against it: that was left out",
+                    "the wall was requested to show something at {} moments while a board was held on it (`held`): these were left out",
                     self.crowded
                 ),
                 Some([columns, rows]) => format!(
-                    "at {} moments the wall was told to show another number of corners than the {columns} x {rows} of `board`: these were left out",
+                    "at {} moments the wall was requested to show another number of corners than the {columns} x {rows} of `board`: these were left out",
                     self.crowded
                 ),
             });

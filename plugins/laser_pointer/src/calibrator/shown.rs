@@ -1,8 +1,8 @@
-//! Maps of cameras from what the wall showed at known places, one after another: dots, or a chessboard. Pure, without time of its own.
+//! Maps of cameras from what the wall showed at known places, one after another: dots, or a chessboard.
 //!
-//! A dot is known by when it was shown. A camera's spots in the frames of that time, less the display's delay, are its pictures of the dot, where each frame has one spot and
-//! all are at one place. With a board the same holds of each of its corners. Every fourth dot is left out of a first fit and tells the error where nothing was fitted, places of a
-//! board in four turns; the map itself is fitted to all.
+//! A dot is identified by the time at which it was shown. A camera's spots in the frames of that time, less the display's delay, are its pictures of the dot, where each frame has one spot and
+//! all are at one place. With a board the same holds of each of its corners. Every fourth dot is held out of a first fit, which gives the error at points that were not fitted; places of a
+//! board are held out in four rounds; the map itself is fitted to all.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,20 +15,20 @@ use nalgebra::{Point2, Vector2};
 use super::boards::{BoardSize, SeenBoard, untangled};
 use super::fit::{HoldOut, Sighting, Surface, fit, stance};
 
-/// Frames of one dot may differ by so much and still be of one place [px].
+/// Largest spread of the frames of one dot at rest [px].
 const SCATTER_PX: f64 = 1.0;
-/// No place is known better than this: pixels are not the same all over [px].
+/// Smallest standard deviation of a place: pixels are not uniform [px].
 const LEAST_SIGMA_PX: f64 = 0.02;
 /// A dot this near to the edge of a picture may be cut off, its centre wrong [px].
 const EDGE_PX: f64 = 8.0;
-/// A dot or a board as the wall was told to show it.
+/// A dot or a board that the wall was requested to show.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shown {
-    /// Where on the wall: one place for a dot, all corners of a board, row by row from its upper left one [m].
+    /// Its place on the wall: one point for a dot, all corners of a board, row by row from its upper left one [m].
     pub points: Vec<Point2<f64>>,
-    /// From when to when it was asked for.
+    /// Start of the request.
     pub from: Time,
-    /// The same, its end.
+    /// End of the request.
     pub until: Time,
 }
 
@@ -54,10 +54,10 @@ pub struct Frame {
     pub spots: Vec<Spot>,
 }
 
-/// The wall as it was measured with a rule.
+/// The wall as measured with a ruler.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WallSize {
-    /// Of what it can show [m].
+    /// Size of the displayed area [m].
     pub size_m: [f64; 2],
     /// Side of one of its pixels [m].
     pub pixel_m: f64,
@@ -65,33 +65,33 @@ pub struct WallSize {
     pub tiles: [u32; 2],
 }
 
-/// What was found of one camera.
+/// Results for one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraResult {
     /// Dots or boards that it saw.
     pub n_seen: usize,
-    /// Dots or boards whose place was in doubt: more spots than one, spots that moved.
+    /// Dots or boards with an ambiguous place: several spots, or spots that moved.
     pub n_doubtful: usize,
-    /// Those of them that became clear later in their time: what was shown before was seen for longer than was told.
+    /// Those of them that became clear later in their time: the one before was seen for longer than requested.
     pub n_late: usize,
     /// Boards that it saw with another number of corners: the last such number.
     pub other_corners: Option<usize>,
-    /// Boards that were elsewhere than was told.
+    /// Boards that were elsewhere than stated.
     pub n_elsewhere: usize,
-    /// How it looks at the wall, where that is not as people do.
+    /// Its unusual view of the wall: mirrored or upside down.
     pub stance: Option<&'static str>,
     /// Its map, or why there is none.
     pub map: Result<WallCamera, String>,
 }
 
-/// What dots or boards gave.
+/// Results of a calibration from dots or boards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShownCalibration {
     /// By the camera's number.
     pub cameras: Vec<CameraResult>,
-    /// Displays of which no camera saw what they showed: column, row, how many dots or boards.
+    /// Displays on which no camera saw anything: column, row, number of dots or boards.
     pub dark: Vec<([u32; 2], usize)>,
-    /// By the camera's number, dots or boards that lie in its picture and that another camera saw, but not it.
+    /// By the camera's number, dots or boards in its picture that only another camera saw.
     pub hidden: Vec<usize>,
 }
 
@@ -103,14 +103,14 @@ impl ShownCalibration {
     }
 }
 
-/// How things are shown, and what is accepted.
+/// Options of a calibration from shown objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShownOptions {
     /// Inner corners of the board; `None` for dots.
     pub board: Option<BoardSize>,
-    /// How long after it was asked for a thing is certain to be seen, and the one before it certain to be gone.
+    /// Delay after a request until the object is certainly seen, and the one before it certainly gone.
     pub settle: Interval,
-    /// What the wall is like.
+    /// Shape of the wall.
     pub surface: Surface,
     /// Largest error at held-out points that is accepted [px of the wall].
     pub limit_px: f64,
@@ -154,20 +154,20 @@ pub fn calibrate(
     ShownCalibration { cameras, dark, hidden }
 }
 
-/// What a camera saw of what was shown.
+/// Observations of one camera.
 #[derive(Debug, Default)]
 struct Observed {
-    /// By the number of the dot or board, where its points were and how well that is known [px].
+    /// By the number of the dot or board, the pixels of its points and their standard deviations [px].
     boards: BTreeMap<usize, Vec<(Point2<f64>, f64)>>,
     peaks: Vec<f64>,
     n_doubtful: usize,
     n_late: usize,
-    /// Dots or boards in whose time no picture was taken.
+    /// Dots or boards without a picture in their time.
     n_untimed: usize,
     other_corners: Option<usize>,
 }
 
-/// Where a camera saw each dot or board: the mean over the frames of its time.
+/// Mean place of each dot or board over the frames of its time.
 fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOptions) -> Observed {
     let is_whole = |pixel: &Vector2<f64>| {
         (0..2).all(|axis| (EDGE_PX..f64::from(size[axis]) - 1.0 - EDGE_PX).contains(&pixel[axis]))
@@ -177,9 +177,9 @@ fn observed(size: [u32; 2], shown: &[Shown], frames: &[Frame], options: &ShownOp
         let first = frames.partition_point(|frame| frame.time < it.from + options.settle);
         let timed = frames[first..].iter().take_while(|frame| frame.time <= it.until);
         // Pictures were taken while it was told, and none of them counts.
-        let is_told = |frame: &Frame| (it.from..=it.until).contains(&frame.time);
+        let is_requested = |frame: &Frame| (it.from..=it.until).contains(&frame.time);
         let mut before = frames[..first].iter().rev().take_while(|frame| frame.time >= it.from);
-        found.n_untimed += usize::from(timed.clone().next().is_none() && before.any(is_told));
+        found.n_untimed += usize::from(timed.clone().next().is_none() && before.any(is_requested));
         let own: Vec<&[Spot]> = timed.map(|frame| frame.spots.as_slice()).filter(|spots| !spots.is_empty()).collect();
         let n_points = it.points.len();
         if options.board.is_some()
@@ -228,7 +228,7 @@ fn is_still(frames: &[&[Spot]], n_points: usize) -> bool {
     !frames.iter().any(|spots| off(&spots))
 }
 
-/// The map of one camera from what it saw.
+/// The map of one camera from its observations.
 fn camera(
     wall: &WallSize,
     size: [u32; 2],
@@ -267,11 +267,11 @@ fn camera(
     };
     // Who looks at no picture cannot see anything: the room has no part in it.
     let map = map.map_err(|why| match frames.is_empty() {
-        true => "it gave no pictures: is it connected?".to_owned(),
+        true => "it delivered no pictures: is it connected?".to_owned(),
         false if 2 * found.n_untimed > shown.len() => {
             let lasts = shown.iter().map(|it| (it.until - it.from).as_ms()).collect::<Vec<_>>();
             format!(
-                "in the time of {} of {} {} no picture of it was taken: each is told for {:.0} ms, and the first {:.0} ms of these are left out (`settle_ms`)",
+                "it took no picture in the time of {} of {} {}: each is requested for {:.0} ms, and the first {:.0} ms of these are left out (`settle_ms`)",
                 found.n_untimed,
                 shown.len(),
                 if options.board.is_some() { "places of a board" } else { "dots" },

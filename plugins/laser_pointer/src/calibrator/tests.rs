@@ -118,7 +118,7 @@ fn camera_with_something_in_its_way_is_named() {
 }
 
 #[test]
-fn wall_that_is_not_flat_has_an_error_that_is_told() {
+fn error_of_a_curved_wall_is_reported() {
     let (mut dots, frames) = scene(|_, _| true);
     for dot in &mut dots {
         // As measured by somebody who took no account of the bezel.
@@ -144,7 +144,7 @@ fn wall_that_bends_is_told_by_the_setting_to_add_and_mapped_with_it() {
     };
     let flat = of(Surface::Flat);
     let why = flat.cameras[0].map.as_ref().err().unwrap();
-    assert!(why.contains("the wall bends; with `surface = \"curved\"` it is off by 0."), "{why}");
+    assert!(why.contains("with `surface = \"curved\"` it is off by 0."), "{why}");
     let curved = of(Surface::Curved);
     for (camera, result) in cameras().iter().zip(&curved.cameras) {
         let map = result.map.as_ref().unwrap();
@@ -264,13 +264,13 @@ fn boards_that_cannot_tell_and_boards_that_are_elsewhere_are_named() {
     let part = |keep: &dyn Fn(&Frame) -> bool| frames.iter().filter(|it| keep(it)).cloned().collect::<Vec<_>>();
     let why = |frames: Vec<Frame>| calibrated_by_boards(&shown, frames).map.unwrap_err();
     let one = why(part(&|it| it.time < Time::from_s(0.3)));
-    assert!(one.contains("at 1 places") && one.contains("which way round"), "{one}");
+    assert!(one.contains("at 1 places") && one.contains("ambiguous"), "{one}");
     let row = why(part(&|it| it.time < Time::from_s(1.2)));
     assert!(row.contains("in one line") && row.contains("mirrored"), "{row}");
-    // The sixth was told to be twenty centimetres from where it was.
-    let mut told = shown.clone();
-    told[5].points.iter_mut().for_each(|it| it.x += 0.2);
-    let result = calibrated_by_boards(&told, frames.clone());
+    // The sixth was stated to be twenty centimetres from where it was.
+    let mut stated = shown.clone();
+    stated[5].points.iter_mut().for_each(|it| it.x += 0.2);
+    let result = calibrated_by_boards(&stated, frames.clone());
     assert!(result.n_elsewhere == 1 && result.map.is_ok(), "{result:?}");
     // A detector that looks for another board.
     let mut fewer = frames;
@@ -280,7 +280,7 @@ fn boards_that_cannot_tell_and_boards_that_are_elsewhere_are_named() {
 }
 
 #[test]
-fn board_that_was_held_against_the_wall_is_where_it_was_told() {
+fn board_held_on_the_wall_is_where_it_was_stated() {
     let held = HeldBoard { from_s: 1.0, until_s: 2.0, corner_m: [1.0, 0.5], square_mm: 50.0, turned_deg: 90.0 };
     let shown = held.shown([7, 4]).unwrap();
     // Rows run down, columns to the left.

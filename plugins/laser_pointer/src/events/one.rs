@@ -1,4 +1,4 @@
-//! One pointer: what happens to it, from the first sight to the last.
+//! One pointer: its events, from its first observation to the last.
 
 use foveate::prelude::*;
 use nalgebra::Point2;
@@ -6,10 +6,10 @@ use nalgebra::Point2;
 use super::{EventSettings, PressBy};
 use crate::smoothing::Smoother;
 
-/// Points of a stroke that are kept at most; of a longer one every second is left out, again and again.
+/// Most points of a stroke that are kept; a longer one is thinned to every second point, repeatedly.
 const MOST_POINTS: usize = 4096;
 
-/// What happened to a pointer, before anybody knows when it will be told.
+/// A change of a pointer, before its event is sent.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Change {
     pub(super) what: PointerChange,
@@ -21,7 +21,7 @@ pub(super) struct Change {
 /// One pointer.
 pub(super) struct One {
     pub(super) id: TargetId,
-    /// Whose it is, once that is known.
+    /// Its user, once known.
     pub(super) user: Option<u32>,
     smoother: Smoother,
     first_seen: StrokePoint,
@@ -29,20 +29,20 @@ pub(super) struct One {
     n_seen: u32,
     sigma: f64,
     is_pressed: bool,
-    /// Where and since when it rests.
+    /// Place and start of its rest.
     rest: StrokePoint,
     has_hovered: bool,
     has_dwelt: bool,
-    /// Where it was when a move was told last.
-    told: Point2<f64>,
-    /// Of the stroke that is being drawn, or may turn out to be one.
+    /// Its place at the last move event.
+    reported: Point2<f64>,
+    /// The stroke that is being drawn, or may become one.
     path: Vec<StrokePoint>,
-    /// Every so many points enter the path.
+    /// One of this many points enters the path.
     stride: u32,
 }
 
 impl One {
-    /// A pointer that was seen for the first time.
+    /// A pointer at its first observation.
     pub(super) fn new(settings: &EventSettings, target: &Target, time: Time, changes: &mut Vec<Change>) -> One {
         let smoother = Smoother::new(&settings.smoothing, target);
         let at = StrokePoint { time, position: smoother.position() };
@@ -57,7 +57,7 @@ impl One {
             rest: at.clone(),
             has_hovered: false,
             has_dwelt: false,
-            told: at.position,
+            reported: at.position,
             path: vec![at.clone()],
             stride: 1,
             first_seen: at,
@@ -66,7 +66,7 @@ impl One {
         one
     }
 
-    /// It was seen again; `false`, and nothing done, when that is not after the last time.
+    /// It was observed again; `false`, and nothing changed, when that is not after the last time.
     pub(super) fn see(
         &mut self,
         settings: &EventSettings,
@@ -87,15 +87,15 @@ impl One {
             self.is_pressed = true;
         }
         let position = self.smoother.position();
-        if self.is_pressed && (position - self.told).norm() >= settings.move_mm * 1e-3 {
-            self.told = position;
+        if self.is_pressed && (position - self.reported).norm() >= settings.move_mm * 1e-3 {
+            self.reported = position;
             self.say(PointerChange::Move, time, changes);
         }
         self.look_for_rest(settings, time, changes);
         true
     }
 
-    /// Whether it has been there for long enough to be no flash.
+    /// Whether it has been visible for long enough to be no flash.
     fn is_sure(&self, settings: &EventSettings) -> bool {
         self.n_seen >= settings.min_seen && self.last_seen - self.first_seen.time >= Interval::from_ms(settings.on_ms)
     }
@@ -117,14 +117,14 @@ impl One {
             self.say(PointerChange::Dwell, time, changes);
             if settings.press == PressBy::Dwell && !self.is_pressed {
                 self.is_pressed = true;
-                self.told = position;
+                self.reported = position;
                 (self.path, self.stride) = (vec![StrokePoint { time, position }], 1);
                 self.say(PointerChange::Press, time, changes);
             }
         }
     }
 
-    /// It is gone: everything that it began ends where it was seen last.
+    /// It is gone: everything that it began ends at its last place.
     pub(super) fn end(mut self, changes: &mut Vec<Change>) {
         let time = self.last_seen;
         if self.is_pressed {
@@ -139,7 +139,7 @@ impl One {
         self.say(PointerChange::Vanish, time, changes);
     }
 
-    /// As it is at `time`, and will be at `shown_at`.
+    /// Its state at `time`, predicted to `shown_at`.
     pub(super) fn at(&self, time: Time, shown_at: Time) -> Pointer {
         let is_seen = time == self.last_seen;
         Pointer {
@@ -155,7 +155,7 @@ impl One {
         }
     }
 
-    /// What each of the two has done since `since` was the other's doing.
+    /// Exchanges what the two have drawn since `since`.
     pub(super) fn exchange(&mut self, other: &mut One, since: Time) {
         std::mem::swap(&mut self.smoother, &mut other.smoother);
         std::mem::swap(&mut self.last_seen, &mut other.last_seen);
@@ -163,14 +163,14 @@ impl One {
         std::mem::swap(&mut self.rest, &mut other.rest);
         std::mem::swap(&mut self.has_hovered, &mut other.has_hovered);
         std::mem::swap(&mut self.has_dwelt, &mut other.has_dwelt);
-        std::mem::swap(&mut self.told, &mut other.told);
+        std::mem::swap(&mut self.reported, &mut other.reported);
         let after = |path: &mut Vec<StrokePoint>| path.split_off(path.partition_point(|it| it.time <= since));
         let (own, others) = (after(&mut self.path), after(&mut other.path));
         self.path.extend(others);
         other.path.extend(own);
     }
 
-    /// Whether it ever was held down.
+    /// Whether it was ever held down.
     pub(super) fn is_pressed(&self) -> bool {
         self.is_pressed
     }

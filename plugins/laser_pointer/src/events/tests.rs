@@ -55,16 +55,16 @@ impl Room {
 
     /// One pointer, there at `at(frame)` where that is, for so many frames: what happened, each with its frame.
     fn run(&mut self, n: i64, at: impl Fn(i64) -> Option<[f64; 2]>) -> Vec<(PointerChange, i64)> {
-        let mut told = Vec::new();
+        let mut events = Vec::new();
         for _ in 0..n {
             let frame = self.frame;
             let list = at(frame).map(|[x, y]| target(7, x, y)).into_iter().collect();
             for event in self.show(list).events {
                 assert_eq!(event.time + event.latency, Room::time(frame) + Interval::from_ms(LATE_MS), "{event:?}");
-                told.push((event.what, (event.time.as_s() * 1e3 / FRAME_MS).round() as i64));
+                events.push((event.what, (event.time.as_s() * 1e3 / FRAME_MS).round() as i64));
             }
         }
-        told
+        events
     }
 }
 
@@ -86,11 +86,11 @@ fn node_keeps_the_law() {
 fn a_stroke_begins_where_the_pointer_appeared_and_ends_where_it_was_seen_last() {
     let mut room = Room::new(settings());
     // 0.2 m/s for 20 frames, then dark.
-    let told = room.run(40, |frame| (frame < 20).then_some([0.5 + 0.002 * frame as f64, 0.25]));
+    let events = room.run(40, |frame| (frame < 20).then_some([0.5 + 0.002 * frame as f64, 0.25]));
     let mut expected = vec![(Appear, 0), (Press, 0)];
     expected.extend((3..20).map(|frame| (Move, frame)));
     expected.extend([(Release, 19), (Stroke, 19), (Vanish, 19)]);
-    assert_eq!(told, expected, "the press is told when it is sure, and is of the first sight");
+    assert_eq!(events, expected, "the press is sent when it is certain, with the time of the first observation");
     let figures = room.bench.finish().unwrap().figures;
     assert_eq!((figures["pointer.move"], figures["pointer.stroke"], figures["pointer.flashes"]), (17.0, 1.0, 0.0));
     assert!((figures["pointer.move_latency_ms.p99"] - LATE_MS).abs() < 1e-6);
@@ -113,12 +113,12 @@ fn the_stroke_has_every_point_and_the_first_of_them_is_where_it_began() {
 #[test]
 fn flashes_are_no_presses_and_flicker_breaks_no_stroke() {
     let mut room = Room::new(settings());
-    let told = room.run(30, |frame| (frame < 2).then_some([0.1, 0.1]));
-    assert_eq!(told, [(Appear, 0), (Vanish, 1)], "two frames are a flash");
+    let events = room.run(30, |frame| (frame < 2).then_some([0.1, 0.1]));
+    assert_eq!(events, [(Appear, 0), (Vanish, 1)], "two frames are a flash");
     // Dark for seven frames of ten: a gap between tiles; then for good.
-    let told = room.run(60, |frame| ((30..40).contains(&frame) || (48..55).contains(&frame)).then_some([0.1, 0.1]));
-    let strokes: Vec<_> = told.iter().filter(|it| matches!(it.0, Press | Release | Vanish)).collect();
-    assert_eq!(strokes, [&(Press, 30), &(Release, 54), &(Vanish, 54)], "{told:?}");
+    let events = room.run(60, |frame| ((30..40).contains(&frame) || (48..55).contains(&frame)).then_some([0.1, 0.1]));
+    let strokes: Vec<_> = events.iter().filter(|it| matches!(it.0, Press | Release | Vanish)).collect();
+    assert_eq!(strokes, [&(Press, 30), &(Release, 54), &(Vanish, 54)], "{events:?}");
     assert_eq!(room.bench.finish().unwrap().figures["pointer.flashes"], 1.0);
 }
 
@@ -127,8 +127,8 @@ fn rest_is_a_hover_then_a_dwell_once_and_again_after_a_move() {
     let mut room = Room::new(settings());
     // Rest, 100 mm away in one go, rest again; a tremor of 10 mm all along.
     let at = |frame: i64| Some([0.5 + if frame < 150 { 0.0 } else { 0.1 } + 0.01 * (frame % 2) as f64, 0.5]);
-    let told = room.run(300, at);
-    let rests: Vec<_> = told.iter().filter(|it| matches!(it.0, Hover | Dwell)).copied().collect();
+    let events = room.run(300, at);
+    let rests: Vec<_> = events.iter().filter(|it| matches!(it.0, Hover | Dwell)).copied().collect();
     assert_eq!(rests, [(Hover, 20), (Dwell, 80), (Hover, 170), (Dwell, 230)]);
     let last = room.show(vec![target(7, 0.6, 0.5)]);
     assert!(last.list[0].is_resting && last.list[0].is_pressed);
@@ -138,11 +138,11 @@ fn rest_is_a_hover_then_a_dwell_once_and_again_after_a_move() {
 fn pressed_by_a_dwell_it_hovers_before_and_draws_nothing_of_that() {
     let mut room = Room::new(EventSettings { press: PressBy::Dwell, ..settings() });
     let at = |frame: i64| (frame < 200).then(|| [0.5 + 0.01 * (frame - 100).max(0) as f64, 0.5]);
-    let told = room.run(100, at);
-    assert_eq!(told, [(Appear, 0), (Hover, 20), (Dwell, 80), (Press, 80)]);
-    let told = room.run(120, at);
-    assert_eq!(told.iter().filter(|it| it.0 == Move).count(), 99);
-    assert_eq!(told[told.len() - 3..], [(Release, 199), (Stroke, 199), (Vanish, 199)]);
+    let events = room.run(100, at);
+    assert_eq!(events, [(Appear, 0), (Hover, 20), (Dwell, 80), (Press, 80)]);
+    let events = room.run(120, at);
+    assert_eq!(events.iter().filter(|it| it.0 == Move).count(), 99);
+    assert_eq!(events[events.len() - 3..], [(Release, 199), (Stroke, 199), (Vanish, 199)]);
 }
 
 #[test]
@@ -167,8 +167,8 @@ fn what_is_only_predicted_is_not_seen_and_what_comes_late_is_counted() {
     let predicted = Target { provenance: Provenance::Predicted, ..target(7, 0.1, 0.1) };
     assert!(room.show(vec![predicted.clone()]).list.is_empty(), "nobody appears by prediction");
     room.show(vec![target(7, 0.1, 0.1)]);
-    let told = room.run(1, |_| Some([0.1, 0.1]));
-    assert_eq!(told, []);
+    let events = room.run(1, |_| Some([0.1, 0.1]));
+    assert_eq!(events, []);
     for _ in 0..10 {
         room.show(vec![predicted.clone()]);
     }
@@ -242,19 +242,19 @@ fn pointers_and_all_that_they_do_say_whose_they_are() {
     assert_eq!(given.list.iter().map(|it| it.user).collect::<Vec<_>>(), [None, Some(3)]);
     assert_eq!(given.events.iter().map(|it| (it.id.0, it.user)).collect::<Vec<_>>(), [(7, None), (8, Some(3))]);
     // The tracker does not know lost pointers any more: what they did last is the user's all the same.
-    let mut told = Vec::new();
+    let mut events = Vec::new();
     for _ in 0..12 {
         tell(&mut room, Vec::new());
-        told.extend(room.show(Vec::new()).events);
+        events.extend(room.show(Vec::new()).events);
     }
-    assert_eq!(told.len(), 6);
-    assert!(told.iter().all(|it| it.user == (it.id.0 == 8).then_some(3)), "{told:?}");
+    assert_eq!(events.len(), 6);
+    assert!(events.iter().all(|it| it.user == (it.id.0 == 8).then_some(3)), "{events:?}");
 }
 
 #[test]
 fn strokes_of_pointers_that_were_taken_for_each_other_are_put_right() {
     let mut room = Room::new(settings());
-    let (mut told, mut jumps) = (Vec::new(), 0.0_f64);
+    let (mut events, mut jumps) = (Vec::new(), 0.0_f64);
     // Both go to the right, one at y = 0.1, one at 0.9; from frame 10 to 19 each has the other's identity.
     for frame in 0..45 {
         let (is_mixed, x) = ((10..20).contains(&frame), 0.01 * f64::from(frame));
@@ -267,16 +267,16 @@ fn strokes_of_pointers_that_were_taken_for_each_other_are_put_right() {
         }
         let list = if frame < 30 { vec![target(upper, x, 0.1), target(lower, x, 0.9)] } else { Vec::new() };
         let given = room.show(list);
-        assert_eq!(given.exchanged.len(), usize::from(frame == 20), "told once");
+        assert_eq!(given.exchanged.len(), usize::from(frame == 20), "reported once");
         if frame > 20 {
             let upper = given.list.iter().find(|it| it.id.0 == 7);
             jumps = upper.map_or(jumps, |it| jumps.max((it.position.y - 0.1).abs()));
         }
-        told.extend(given.events.into_iter().filter(|it| it.what == Stroke));
+        events.extend(given.events.into_iter().filter(|it| it.what == Stroke));
     }
     assert!(jumps < 1e-9, "{jumps}");
-    assert_eq!(told.len(), 2);
-    for stroke in told {
+    assert_eq!(events.len(), 2);
+    for stroke in events {
         let y = if stroke.id.0 == 7 { 0.1 } else { 0.9 };
         assert!(stroke.path.len() == 30 && stroke.path.iter().all(|it| it.position.y == y), "{stroke:?}");
     }

@@ -1,4 +1,4 @@
-//! What is on the page: ink in the order in which it was drawn, and what happened.
+//! Contents of the page: ink in drawing order, and events.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,20 +8,20 @@ use serde::Serialize;
 
 use crate::wall::Wall;
 
-/// Events that a window that was away still gets.
+/// Events kept for windows that were disconnected.
 const MOST_EVENTS: usize = 512;
-/// Pointers whose user a window still learns that was away, or that opens late.
+/// Pointers whose user is kept for windows that were disconnected or open late.
 const MOST_OWNERS: usize = 4096;
 
-/// A point of a stroke: number of the stroke, pointer, where from the wall's top left corner [m].
+/// A point of a stroke: number of the stroke, pointer, place from the wall's top left corner [m].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Ink(pub(super) u64, pub(super) u32, pub(super) f64, pub(super) f64);
 
-/// Whose a pointer is: the pointer, the user.
+/// User of a pointer: the pointer, the user.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Owner(pub(super) u32, pub(super) u32);
 
-/// What happened to a pointer, for other programs.
+/// An event of a pointer, for other programs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Told {
     id: u32,
@@ -35,11 +35,11 @@ pub(super) struct Told {
     y: f64,
 }
 
-/// The newest of all that was said, each with its number.
+/// The newest items of a stream, each with its number.
 #[derive(Debug)]
 pub(super) struct Log<T> {
     kept: VecDeque<T>,
-    /// Number of the first that is kept.
+    /// Number of the first kept item.
     first: u64,
     most: usize,
 }
@@ -62,7 +62,7 @@ impl<T> Log<T> {
         self.kept.clear();
     }
 
-    /// Those from number `from` on that are still kept, `most` at most, and the number after them.
+    /// The kept items from number `from` on, `most` at most, and the number after them.
     pub(super) fn since(&self, from: u64, most: usize) -> (impl Iterator<Item = &T>, u64) {
         let skipped = from.saturating_sub(self.first) as usize;
         let n = self.kept.len().saturating_sub(skipped).min(most);
@@ -71,13 +71,13 @@ impl<T> Log<T> {
     }
 }
 
-/// What is on the page.
+/// Contents of the page.
 pub(super) struct Board {
     pub(super) ink: Log<Ink>,
     pub(super) events: Log<Told>,
-    /// Whose pointers are, in the order in which that became known.
+    /// Users of pointers, in the order in which they became known.
     pub(super) owners: Log<Owner>,
-    /// Of those that are there.
+    /// Users of the present pointers.
     known: BTreeMap<TargetId, u32>,
     /// Raised when the page is cleared.
     pub(super) epoch: u64,
@@ -85,12 +85,12 @@ pub(super) struct Board {
     /// By pointer that is held down: its stroke, and the last point of it.
     open: BTreeMap<TargetId, (u64, Point2<f64>)>,
     n_strokes: u64,
-    /// Lines so far: a stroke that turns out to be another pointer's goes on as another line.
+    /// Lines so far: a stroke that turns out to be another pointer's continues as another line.
     n_lines: u64,
 }
 
 impl Board {
-    /// Keeps so many points, of each stroke one in `step` metres.
+    /// Keeps at most this many points, with `step` metres between the points of a stroke.
     pub(super) fn new(most_points: usize, step: f64) -> Board {
         let (ink, events) = (Log::new(most_points), Log::new(MOST_EVENTS));
         Board {
@@ -106,12 +106,12 @@ impl Board {
         }
     }
 
-    /// Strokes that were begun.
+    /// Number of strokes begun.
     pub(super) fn n_strokes(&self) -> u64 {
         self.n_strokes
     }
 
-    /// Takes in what pointers do.
+    /// Takes in the pointers' state and events.
     pub(super) fn take(&mut self, wall: &Wall, pointers: &Pointers) {
         for it in &pointers.list {
             let Some(user) = it.user else { continue };
@@ -164,7 +164,7 @@ impl Board {
         self.ink.push(Ink(stroke, id.0, x, y));
     }
 
-    /// Takes all ink off the page.
+    /// Removes all ink from the page.
     pub(super) fn clear(&mut self) {
         self.ink.clear();
         self.epoch += 1;
@@ -177,12 +177,12 @@ pub(super) fn on_page(wall: &Wall, at: Point2<f64>) -> [f64; 2] {
     [from_corner.x, from_corner.y].map(|it| (it * 1e4).round() / 1e4)
 }
 
-/// To a tenth, for people.
+/// Rounded to a tenth, for people.
 pub(super) fn tenth(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-/// What a window hears first; with a `board`, the run is over and that is all that it will hear.
+/// The first message to a window; with a `board`, the run is over and it is the only one.
 pub(super) fn greeting(wall: &Wall, board: Option<&Board>) -> String {
     let mut text = serde_json::json!({ "wall": { "width": wall.size.x, "height": wall.size.y } });
     if let Some(board) = board {

@@ -1,4 +1,4 @@
-//! The windows in which the page is open: what each of them has got, and has seen.
+//! The windows in which the page is open, with what each has received and shown.
 
 use std::collections::BTreeMap;
 
@@ -11,11 +11,11 @@ use super::MOST_UNSEEN;
 use super::board::{Board, Ink, Owner, Told, on_page, tenth};
 use crate::wall::Wall;
 
-/// Points in one message: a window that comes late gets what is there in a few of them.
+/// Most points in one message: a window that opens late gets the ink in several.
 const MOST_INK: usize = 2000;
-/// Events in one message.
-const MOST_TOLD: usize = 64;
-/// Times kept of how late windows show what happens.
+/// Most events in one message.
+const MOST_EVENTS: usize = 64;
+/// Kept display latencies of windows.
 const MOST_DRAWN: usize = 1 << 14;
 
 /// A message to a window.
@@ -23,7 +23,7 @@ const MOST_DRAWN: usize = 1 << 14;
 struct Message<'a> {
     /// Number of the message to this window.
     seq: u64,
-    /// What was drawn before the last change of this is gone.
+    /// Changes when everything drawn before is removed.
     epoch: u64,
     /// Session time of the state [s].
     time: f64,
@@ -33,7 +33,7 @@ struct Message<'a> {
     latency_ms: f64,
     pointers: &'a [Shown],
     ink: Vec<&'a Ink>,
-    /// Whose pointers are, as far as that has become known since the last message.
+    /// Users of pointers that became known since the last message.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     users: Vec<&'a Owner>,
     events: Vec<&'a Told>,
@@ -45,22 +45,22 @@ struct Shown {
     id: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     user: Option<u32>,
-    /// Where it will be when people see it, from the wall's top left corner [m].
+    /// Predicted place when people see it, from the wall's top left corner [m].
     x: f64,
     y: f64,
     pressed: bool,
     resting: bool,
-    /// Of its position [mm].
+    /// Standard deviation of its position [mm].
     sigma_mm: f64,
 }
 
-/// What a window may say.
+/// Messages of a window.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "lowercase")]
 enum Said {
-    /// It has drawn the message of that number, so long after it was sent where it knows [ms].
+    /// It has drawn the message of that number, with the delay after sending where known [ms].
     Seen(u64, Option<f64>),
-    /// The page is to be cleared, in all windows.
+    /// A request to clear the page in all windows.
     Clear(bool),
 }
 
@@ -68,7 +68,7 @@ enum Said {
 #[derive(Default)]
 struct Window {
     sent: u64,
-    /// None until it has said what it has seen: a program that only listens never does.
+    /// None until the window has sent what it has seen; a program that only listens never does.
     seen: Option<u64>,
     next_ink: u64,
     next_event: u64,
@@ -89,7 +89,7 @@ pub(super) struct Windows {
 }
 
 impl Windows {
-    /// Of which each gets so many messages a second at most.
+    /// Windows that get at most `rate_hz` messages a second each.
     pub(super) fn new(rate_hz: f64) -> Windows {
         let period_ns = Interval::from_s(1.0 / rate_hz).0;
         Windows {
@@ -113,8 +113,8 @@ impl Windows {
         self.open.remove(&client);
     }
 
-    /// A window has said something; whether the page is to be cleared.
-    pub(super) fn heard(&mut self, client: Client, text: &str) -> bool {
+    /// Takes in a window's message; returns whether the page is to be cleared.
+    pub(super) fn receive(&mut self, client: Client, text: &str) -> bool {
         let Some(window) = self.open.get_mut(&client) else { return false };
         match serde_json::from_str(text) {
             // Nobody has seen what was not sent.
@@ -129,9 +129,9 @@ impl Windows {
             Ok(Said::Clear(is_wanted)) => is_wanted,
             found => {
                 self.n_refused += 1;
-                let why = found.err().map_or("it has seen what was not sent".to_owned(), |it| it.to_string());
+                let why = found.err().map_or("it confirms a message that was not sent".to_owned(), |it| it.to_string());
                 let start: String = text.chars().take(60).collect();
-                self.fault.get_or_insert_with(|| format!("a window said `{start}`: {why}"));
+                self.fault.get_or_insert_with(|| format!("a window sent `{start}`: {why}"));
                 false
             }
         }
@@ -157,7 +157,7 @@ impl Windows {
                 continue;
             }
             let (ink, next_ink) = board.ink.since(window.next_ink, MOST_INK);
-            let (events, next_event) = board.events.since(window.next_event, MOST_TOLD);
+            let (events, next_event) = board.events.since(window.next_event, MOST_EVENTS);
             let (users, next_owner) = board.owners.since(window.next_owner, usize::MAX);
             let message = Message {
                 seq: window.sent + 1,
@@ -182,7 +182,7 @@ impl Windows {
         }
     }
 
-    /// The last of the ink, to every window: the run is over.
+    /// Sends the last ink to every window at the end of the run.
     pub(super) fn farewell(&mut self, link: &mut dyn PageLink, board: &Board) {
         for (client, window) in &mut self.open {
             let (ink, _) = board.ink.since(window.next_ink, usize::MAX);
@@ -192,7 +192,7 @@ impl Windows {
         }
     }
 
-    /// A run that nobody watched has no figures of windows.
+    /// Reports the windows; a run without any window has no such figures.
     pub(super) fn report(&self, report: &mut Report) {
         if self.n_opened == 0 {
             return;
@@ -205,7 +205,7 @@ impl Windows {
             report.figure(format!("page.drawn_ms.{name}"), percentile(&self.drawn_ms, percent).unwrap_or(f64::NAN));
         }
         if let Some(fault) = &self.fault {
-            report.remark(format!("{} messages of windows were left out; the first: {fault}", self.n_refused));
+            report.remark(format!("{} messages of windows were invalid; the first: {fault}", self.n_refused));
         }
     }
 }

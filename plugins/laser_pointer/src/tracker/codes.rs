@@ -1,10 +1,10 @@
-//! Whose pointer it is, told by when its light is dark: a Bayes filter over codes and their phases.
+//! The user of a pointer from its blink code: a Bayes filter over codes and their phases.
 //!
 //! Each user's pointer is dark for a few milliseconds once in a period of its own. Cameras run freely, so each frame is one observation at one moment: the spot was seen, or the
-//! camera sees its place and found no spot there. [`Decoder`] holds the probability of each code at each phase, and of what has no code of a user: a light that is never dark, one
-//! that is dark in a period of somebody else, and one that is missed at random. All of these are there so that what fits none of the users' codes is decided for none of them.
+//! camera sees its place and found no spot there. [`Decoder`] holds the probability of each code at each phase, and of lights without a user's code: a light that is never dark, one
+//! that is dark in another period, and one that is missed at random. These alternatives keep lights that fit no user's code undecided.
 //!
-//! Cell j of period P stands for light that goes out at j P / n after the decoder's start. At each observation, after a time dt: phases wander ([`WANDER`]), a part of the
+//! Cell j of period P represents light that goes out at j P / n after the decoder's start. At each observation, after a time dt: phases drift randomly ([`WANDER`]), a part of the
 //! probability returns to the prior ([`CHANGE_PER_S`]), and each cell is multiplied by the likelihood of the observation. That of a miss rises from [`MISSED`] to 1 − [`SEEN_DARK`] over [`EDGE_S`]
 //! at both ends of the dark time: the exposure of a camera must lie within it. Misses at random have the rate that a Beta(1, 4) prior and those so far give.
 
@@ -14,38 +14,38 @@ use foveate::prelude::*;
 
 use super::settings::TrackerSettings;
 
-/// Prior: a light is never dark, is missed at random, or has a period that is no user's. The rest is shared by the users' codes.
+/// Prior: a light is never dark, is missed at random, or has a period of no user. The rest is shared by the users' codes.
 const STEADY: f64 = 0.25;
 const AT_RANDOM: f64 = 0.1;
 const OTHERS: f64 = 0.15;
-/// Probability that a camera finds no spot where a pointer shines: detectors miss some, hands pass before the beam.
+/// Probability that a camera finds no spot of a visible pointer: detectors miss some, hands cross the beam.
 const MISSED: f64 = 0.03;
 /// Probability that a spot is found where a pointer is dark: another light.
 const SEEN_DARK: f64 = 0.03;
-/// A camera sees the light for so long after it has gone out and before it comes on: half of an exposure of 2 ms to 4 ms, and the error of its clock [s].
+/// A camera sees the light for this long after it has gone out and before it comes on: half of an exposure of 2 ms to 4 ms, and the error of its clock [s].
 const EDGE_S: f64 = 3e-3;
-/// Phases wander by so much in a second, standard deviation: what is half way between two of [`CLOCKS`] drifts by 5 ms in a second [s/√s].
+/// Random drift of phases, standard deviation: a period half way between two of [`CLOCKS`] drifts by 5 ms in a second [s/√s].
 const WANDER: f64 = 5e-3;
 /// Width of a cell of phase, at most [s].
 const CELL_S: f64 = 3e-3;
-/// Share of the probability that returns to the prior: a track may go over to another pointer [1/s].
+/// Rate at which probability returns to the prior: a track may switch to another pointer [1/s].
 const CHANGE_PER_S: f64 = 0.02;
-/// Periods that others may have, and the step between two of them: light of one in between drifts by 10 ms in a second at most.
+/// Possible periods of other lights, and the step between them: a period in between drifts by at most 10 ms in a second.
 const OTHERS_S: Range<f64> = 0.035..0.3;
 const OTHERS_STEP: f64 = 1.02;
-/// What a user's period may be, relative to what was stated: oscillators without a crystal are off by up to 1 % [–].
+/// Actual period of a user relative to the stated one: oscillators without a crystal are off by up to 1 % [–].
 const CLOCKS: [f64; 3] = [0.99, 1.0, 1.01];
-/// Nearer to a user's period than this, a period is the user's [–].
+/// A period nearer to a user's than this is the user's [–].
 const SAME_PERIOD: f64 = 0.02;
 
-/// What a light is taken for.
+/// Classification of a light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Verdict {
-    /// Nothing is sure enough yet.
+    /// Not certain yet.
     Undecided,
     /// The light of this user.
     User(u32),
-    /// Dark once in this period, which is no user's [s].
+    /// Dark once in this period, which is of no user [s].
     Other(f64),
     /// Never dark, or missed at random.
     NoCode,
@@ -59,17 +59,17 @@ enum Light {
     AtRandom,
 }
 
-/// What a light may be: which cells of phase it has, and how likely it is before anything was seen.
+/// A hypothesis about a light: its cells of phase, and its prior probability.
 #[derive(Debug, Clone)]
 struct Hypothesis {
     light: Light,
-    /// 0 for what has none [s].
+    /// 0 for a hypothesis without a period [s].
     period: f64,
     cells: Range<usize>,
     prior: f64,
 }
 
-/// The codes of all users, and what else a light may be.
+/// The codes of all users, and the alternatives.
 #[derive(Debug, Clone)]
 pub(super) struct Codes {
     hypotheses: Vec<Hypothesis>,
@@ -77,7 +77,7 @@ pub(super) struct Codes {
     sure: f64,
 }
 
-/// What is known of one light.
+/// State of one light's code.
 #[derive(Debug, Clone)]
 pub(super) struct Decoder {
     start: Time,
@@ -123,14 +123,14 @@ impl Codes {
         self.hypotheses.push(Hypothesis { light, period, cells: first..first + n, prior });
     }
 
-    /// A light of which nothing is known, from `time` on.
+    /// A new light from `time` on.
     pub fn decoder(&self, time: Time) -> Decoder {
         let prior = self.hypotheses.iter().flat_map(|it| it.cells.clone().map(|_| it.prior / it.cells.len() as f64));
         let weights: Vec<f64> = prior.collect();
         Decoder { start: time, last: time, spare: weights.clone(), weights, frames: 0.0, missed: 0.0 }
     }
 
-    /// A frame at `time`, not before the last one, in which the light was seen or, though the camera sees its place, was not.
+    /// Updates with a frame at `time`, not before the last one, in which the light was seen, or was not seen although the camera sees its place.
     pub fn observe(&self, decoder: &mut Decoder, time: Time, is_seen: bool) {
         let Decoder { start, last, weights, spare, frames, missed } = decoder;
         let (since, dt) = ((time - *start).as_s(), (time - *last).as_s().max(0.0));
@@ -168,13 +168,13 @@ impl Codes {
         (*frames, *missed) = (*frames + 1.0, *missed + f64::from(u8::from(!is_seen)));
     }
 
-    /// Probability that no spot is found so long after the light went out.
+    /// Probability of no spot at this time after the light went out.
     fn p_miss(&self, phase: f64) -> f64 {
         let dark = (phase.min(self.dark - phase) / EDGE_S).clamp(0.0, 1.0);
         MISSED + dark * (1.0 - SEEN_DARK - MISSED)
     }
 
-    /// What the light is, if that is sure.
+    /// The classification, if it is certain.
     pub fn verdict(&self, decoder: &Decoder) -> Verdict {
         let weight = |it: &Hypothesis| decoder.weights[it.cells.clone()].iter().sum::<f64>();
         let (mut none, mut others, mut other, mut of_user) = (0.0, 0.0, (0.0, 0.0), (0, 0.0));

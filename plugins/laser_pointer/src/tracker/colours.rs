@@ -1,16 +1,16 @@
-//! Whose pointer it is, told by the labels that a detector gave its spots by their colour.
+//! The user of a pointer from the colour labels of its spots.
 //!
 //! One frame's label may be wrong, where contents shine or spots touch, or missing. So each track has a Bayes filter over the labels of users' colours and over light of no such colour; each
-//! label that a spot of its own has is one observation. A part of the probability returns to the prior with time, since a track may go over to another pointer.
+//! label that a spot of its own has is one observation. A part of the probability returns to the prior with time, since a track may switch to another pointer.
 
 use foveate::prelude::Time;
 
 use super::settings::{TrackerSettings, UserCode};
 
-/// Probability that a spot of a user's colour gets that colour's label, and that it gets another one's: a detector that is not sure gives none.
+/// Probability that a spot of a user's colour gets that colour's label, and that it gets another label: an uncertain detector gives none.
 const RIGHT: f64 = 0.8;
 const WRONG: f64 = 0.02;
-/// The same for light of no user's colour: of getting one of the labels.
+/// For light of no user's colour: the probability of getting one of the labels.
 const BY_CHANCE: f64 = 0.1;
 /// Prior of light of no user's colour.
 const OTHERS: f64 = 0.1;
@@ -20,30 +20,30 @@ const CHANGE_PER_S: f64 = 0.05;
 /// The colours of all users.
 #[derive(Debug, Clone)]
 pub(super) struct Colours {
-    /// In order, each once.
+    /// Sorted, without repetition.
     labels: Vec<u32>,
     /// User and label.
     users: Vec<(u32, u32)>,
     sure: f64,
 }
 
-/// What is known of one light's colour.
+/// State of one light's colour.
 #[derive(Debug, Clone)]
 pub(super) struct Belief {
     last: Time,
-    /// By label, and at the end that of none of them.
+    /// By label, and last for none of them.
     weights: Vec<f64>,
-    /// The last spots that had a label all had this one, so many of them since it may last have become another light.
+    /// Label of the last labelled spots, and their number since the track may last have switched to another light.
     run: (Option<u32>, u32),
 }
 
 impl Belief {
-    /// Spots in a row that had the same label: errors of neighbouring frames have one cause, so that a few frames say less than their number.
+    /// Consecutive spots with the same label: errors of neighbouring frames are correlated, so a few frames are weak evidence.
     pub fn run(&self) -> u32 {
         self.run.1
     }
 
-    /// It may be another light from now on.
+    /// The track may have switched to another light.
     pub fn doubt(&mut self) {
         self.run.1 = 0;
     }
@@ -65,7 +65,7 @@ impl Colours {
         (0..=n).map(move |it| if it == n { OTHERS } else { (1.0 - OTHERS) / n as f64 })
     }
 
-    /// A light of which nothing is known, from `time` on.
+    /// A new light from `time` on.
     pub fn belief(&self, time: Time) -> Belief {
         Belief { last: time, weights: self.prior().collect(), run: (None, 0) }
     }
@@ -83,7 +83,7 @@ impl Colours {
         }
     }
 
-    /// A spot at `time`, not before the last one, had `label`.
+    /// Updates with a spot at `time`, not before the last one, with `label`.
     pub fn observe(&self, belief: &mut Belief, time: Time, label: Option<u32>) {
         let kept = (-CHANGE_PER_S * (time - belief.last).as_s().max(0.0)).exp();
         belief.last = time;
@@ -97,7 +97,7 @@ impl Colours {
         belief.weights.iter_mut().for_each(|it| *it /= sum);
     }
 
-    /// Minus twice the logarithm of the likelihood that this light has a spot of that label, relative to the likeliest.
+    /// Minus twice the log likelihood of a spot with that label for this light, relative to the likeliest label.
     pub fn cost(&self, belief: &Belief, label: Option<u32>) -> f64 {
         let weights = belief.weights.iter().enumerate();
         let p = |label: Option<u32>| weights.clone().map(|(kind, it)| it * self.likelihood(kind, label)).sum::<f64>();
@@ -105,7 +105,7 @@ impl Colours {
         -2.0 * (p(label) / most).ln()
     }
 
-    /// The users whose colour the light has, if that is sure; none of them where it has no user's colour.
+    /// The users of the light's colour, if it is certain; empty where it has no user's colour.
     pub fn users(&self, belief: &Belief) -> Option<Vec<u32>> {
         let kind = belief.weights.iter().position(|it| *it > self.sure)?;
         let of = |label: u32| self.users.iter().filter(|it| it.1 == label).map(|it| it.0).collect();

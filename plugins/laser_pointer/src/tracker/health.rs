@@ -1,35 +1,35 @@
-//! What is wrong with the cameras of a wall or with the settings, as their frames and spots show: told at the end of a run.
+//! Diagnosis of a wall's cameras and settings from their frames and spots, reported at the end of a run.
 
 use foveate::prelude::Time;
 
 use super::settings::TrackerSettings;
 
-/// A camera of which at least this share of the frames comes too late has a clock or a delay unlike the others' [–].
+/// A camera with a larger share of frames that come late has another clock or delay than the others [–].
 const LATE_SHARE: f64 = 0.02;
-/// A share of fewer frames or spots than this says nothing.
+/// Fewest frames or spots for a remark.
 const LEAST_COUNT: u64 = 20;
-/// `lost_ms` should bridge a picture in which a pointer is missed: so many periods of the camera.
+/// `lost_ms` should bridge a picture in which a pointer is missed: this many periods of the camera.
 const BRIDGED_PERIODS: f64 = 2.0;
-/// Intervals that are kept of each camera: their median is its period.
+/// Kept intervals of each camera: their median is its period.
 const MOST_INTERVALS: usize = 512;
 
 /// Frames and spots of one camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Camera {
     last: Option<Time>,
-    /// Between frames that came in order [s].
+    /// Intervals between frames that came in order [s].
     intervals: Vec<f64>,
     frames: u64,
     late: u64,
-    /// How far the latest of them came behind what had been seen [s].
+    /// Largest delay of a frame behind the newest frame [s].
     most_late_s: f64,
     /// Spots that were bright enough.
     pub bright: u64,
-    /// Those of them that lie beside the wall.
+    /// Spots outside of the wall.
     pub beside: u64,
-    /// Those that are too large.
+    /// Spots that are too large.
     pub large: u64,
-    /// Those with a label.
+    /// Spots with a label.
     pub labelled: u64,
 }
 
@@ -55,7 +55,7 @@ impl Camera {
     }
 }
 
-/// What is wrong, in words. `begun` pointers began; `decided` of them were a user's, where users are told apart.
+/// The remarks. `begun` pointers began; `decided` of them were assigned to a user, where users are distinguished.
 pub(super) fn remarks(
     cameras: &[Camera],
     names: &[String],
@@ -74,7 +74,7 @@ pub(super) fn remarks(
         }
         if *bright >= LEAST_COUNT && 2 * beside > *bright {
             said.push(format!(
-                "{beside} of {bright} bright spots of camera `{name}` lie beside the wall: its map may be of another place or camera, expected them on it"
+                "{beside} of {bright} bright spots of camera `{name}` lie outside of the wall: its map may be of another place or camera"
             ));
         }
     }
@@ -83,7 +83,7 @@ pub(super) fn remarks(
     let dark_ms = if settings.users.iter().any(|it| it.period_ms.is_some()) { settings.dark_ms } else { 0.0 };
     if let Some((period_ms, name)) = slowest.filter(|it| settings.lost_ms < dark_ms + BRIDGED_PERIODS * it.0) {
         said.push(format!(
-            "camera `{name}` gives a picture every {period_ms:.0} ms and pointers end after `lost_ms` = {} ms: strokes break, and short presses are missed; expected {:.0} ms or more",
+            "camera `{name}` delivers a picture every {period_ms:.0} ms and pointers end after `lost_ms` = {} ms: strokes break, and short presses are missed; expected {:.0} ms or more",
             settings.lost_ms,
             dark_ms + BRIDGED_PERIODS * period_ms
         ));
@@ -100,18 +100,18 @@ pub(super) fn remarks(
     let has_colours = settings.users.iter().any(|it| it.colour.is_some());
     if has_colours && labelled == 0 && bright >= LEAST_COUNT {
         said.push(format!(
-            "`users` have colours, and of {bright} bright spots none has the label of one: does `led.detector` have `colours`, and its pictures colour?"
+            "`users` have colours, but none of {bright} bright spots has one of their labels: does `led.detector` have `colours`, and are its pictures in colour?"
         ));
     } else if decided == Some(0) && begun >= 3 {
         said.push(format!(
-            "of {begun} pointers none was decided to be a user's: do the colours and periods of `users` fit the pointers?"
+            "none of {begun} pointers was assigned to a user: do the colours and periods of `users` match the pointers?"
         ));
     }
     if begun == 0 && sum(|it| it.frames) >= LEAST_COUNT {
         said.push(if bright == 0 {
             "no pointer began: no spot was bright enough; is one on, and are `min_threshold` and `min_peak` of `led.detector` and `brighter` below its peak?".to_owned()
         } else {
-            format!("no pointer began: of {bright} bright spots {large} were too large, {beside} beside the wall, and the others did not stay, or no second camera saw them")
+            format!("no pointer began: of {bright} bright spots {large} were too large, {beside} outside of the wall, and the others did not stay, or no second camera saw them")
         });
     }
     said
@@ -163,7 +163,7 @@ mod tests {
             it.users = vec![UserCode { user: 1, period_ms: None, colour: Some(1) }];
         };
         says(&said(Camera { labelled: 0, ..camera(16.7, 0.0) }, colour, 10, Some(0)), &["does `led.detector` have"]);
-        says(&said(camera(16.7, 0.0), colour, 10, Some(0)), &["of 10 pointers none was decided"]);
+        says(&said(camera(16.7, 0.0), colour, 10, Some(0)), &["none of 10 pointers was assigned"]);
         says(
             &said(Camera { beside: 80, ..camera(16.7, 0.0) }, |_| (), 10, None),
             &["80 of 100 bright spots of camera"],

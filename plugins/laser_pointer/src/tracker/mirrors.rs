@@ -1,9 +1,9 @@
-//! Where bezels mirror spots, learnt from the spots themselves.
+//! Bezels that mirror spots, learnt from the spots.
 //!
 //! The face of a bezel is a mirror: a camera before it sees a spot a second time, on the other side of a line of the wall, level or plumb with the spot and as far from the
-//! line. The line belongs to the camera, since bezels stand out of the wall; spots on one side of it are mirrored to the other, never the other way round. Two spots of which one
+//! line. The line belongs to the camera, since bezels stand out of the wall; spots on one side of it are mirrored to the other, never back. Two spots of which one
 //! is much smaller vote for the line in the middle between them; where votes agree though the spots lie at different distances, at different times, there is a bezel. From then on
-//! a spot is known for a reflection by its place alone, however bright and large it is.
+//! a spot is classified as a reflection by its place alone, regardless of brightness and size.
 
 use foveate::prelude::*;
 use nalgebra::Point2;
@@ -23,26 +23,26 @@ const APART_M: f64 = 6e-3;
 const VOTES: u32 = 5;
 const RANGE_M: f64 = 6e-3;
 const SPAN_S: f64 = 0.5;
-/// Lines of one camera that are looked into at most.
+/// Most lines of one camera that are examined.
 const MOST_LINES: usize = 64;
 
-/// A spot, as far as mirrors care.
+/// A spot on the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Seen {
     /// On the wall [m].
     pub point: Point2<f64>,
-    /// On the wall [m²].
+    /// Area on the wall [m²].
     pub area: f64,
 }
 
 /// A line that one camera sees spots mirrored in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Line {
-    /// 0: the line is plumb and mirrors x; 1: it is level and mirrors y.
+    /// 0: the line is vertical and mirrors x; 1: it is horizontal and mirrors y.
     axis: usize,
-    /// Where it is on that axis [m].
+    /// Its position on that axis [m].
     at: f64,
-    /// On which side reflections lie.
+    /// Side of the reflections.
     is_after: bool,
     votes: u32,
     nearest: f64,
@@ -65,17 +65,17 @@ pub(super) struct Mirrors {
 }
 
 impl Mirrors {
-    /// For so many cameras, of which nothing is known.
+    /// For this many cameras, without any line.
     pub fn new(n_cameras: usize) -> Mirrors {
         Mirrors { lines: vec![Vec::new(); n_cameras] }
     }
 
-    /// Lines that are sure, over all cameras.
+    /// Certain lines, over all cameras.
     pub fn count(&self) -> usize {
         self.lines.iter().flatten().filter(|it| it.is_sure()).count()
     }
 
-    /// Takes in the spots of one picture; those farther apart than `reach` [m] are not of one bezel.
+    /// Learns from the spots of one picture; spots farther apart than `reach` [m] are not of one bezel.
     pub fn learn(&mut self, camera: usize, time: Time, spots: &[Seen], reach: f64) {
         let lines = &mut self.lines[camera];
         for spot in spots {
@@ -90,7 +90,7 @@ impl Mirrors {
         }
     }
 
-    /// Whether this camera sees at `spot` the reflection of what lies at `source`.
+    /// Whether this camera sees at `spot` the reflection of the spot at `source`.
     pub fn mirrors(&self, camera: usize, spot: &Point2<f64>, source: &Point2<f64>) -> bool {
         self.lines[camera].iter().filter(|it| it.is_sure()).any(|it| {
             let off = spot[it.axis] - it.at;

@@ -27,35 +27,35 @@ ports! {
 }
 
 figures! {
-    "pointers.begun": count, neither, "Pointers that began";
-    "pointers.candidates_dropped": count, neither, "Spots that no second camera saw at the same place, or that did not stay";
-    "pointers.spots": count, neither, "Spots that came in from the detectors";
-    "pointers.spots_dim": count, neither, "Those of them that the wall itself could have shown";
-    "pointers.spots_large": count, neither, "Those that were too large";
-    "pointers.spots_beside": count, neither, "Those beside the wall";
-    "pointers.bezels": count, neither, "Lines in which bezels mirror spots, as learnt, over all cameras";
+        "pointers.begun": count, neither, "Pointers that appeared";
+        "pointers.candidates_dropped": count, neither, "Spots that no second camera confirmed, or that disappeared too early";
+        "pointers.spots": count, neither, "Spots received from the detectors";
+        "pointers.spots_dim": count, neither, "Spots left out: no brighter than the wall itself can be";
+        "pointers.spots_large": count, neither, "Spots left out: too large";
+        "pointers.spots_beside": count, neither, "Spots left out: outside of the wall";
+        "pointers.bezels": count, neither, "Mirror lines of bezels that were learnt, over all cameras";
     "pointers.frames_late": count, low, "Frames that came after a later one of another camera, and were left out";
-    "pointers.disputed": count, low, "Spots that one camera reported for long and another, which sees the place, did not";
-    "pointers.users_decided": count, high, "Pointers of which it was decided whose they are; this and those below are missing where users have neither codes nor colours";
-    "pointers.switches_mended": count, neither, "Times that codes or colours said that two pointers had been taken for each other, and their identities were exchanged";
-    "pointers.hands_changed": count, low, "Times that its code or colour said that a pointer had become another user's, and a new identity began";
-    "pointers.users_corrected": count, low, "Times that a pointer which was seen all the time was another user's than its colour had said: it kept its identity";
-    "pointers.codes_unknown": count, low, "Pointers that went dark in a period that is no user's";
-    "pointers.codes_shared": count, low, "Pointers that had the code or colour of a user who had another pointer at the same time: they got no user";
+        "pointers.disputed": count, low, "Spots that one camera reported for long and another, which sees the place, did not";
+    "pointers.users_decided": count, high, "Pointers assigned to a user; this figure and those below are missing where users have neither codes nor colours";
+    "pointers.switches_mended": count, neither, "ID switches between two pointers that codes or colours revealed and corrected";
+    "pointers.hands_changed": count, low, "Pointers that became another user's by code or colour, and got a new identity";
+    "pointers.users_corrected": count, low, "Continuously seen pointers whose user was corrected: they kept their identity";
+        "pointers.codes_unknown": count, low, "Pointers that blinked in a period of no user";
+        "pointers.codes_shared": count, low, "Pointers with the code or colour of a user who had another pointer at that time: they got no user";
 }
 
 /// Wall and working volume may differ by this part of the wall's sides [–].
 const OTHER_SIZE: f64 = 0.03;
 
 /// Spots of each camera in, at its own times; after each frame all pointers leave at the frame's time: in metres on the wall, x to the right and y down from its top left
-/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes or colours, whose the pointers are
-/// (`users`) leaves before them.
+/// corner, z = 0. An identity lasts from press to release. Pointers that this frame's camera did not see are predicted. Where users have codes or colours, the pointers' users
+/// (`users`) are sent before them.
 pub struct Tracker {
     pointers: Pointers,
     names: Vec<String>,
-    /// Cameras of the rig that the map does not have.
+    /// Cameras of the rig that are missing in the map.
     unmapped: BTreeSet<String>,
-    /// Spots of those that gave some.
+    /// Spots of those cameras.
     seen_unmapped: BTreeMap<String, u64>,
     remarks: Vec<String>,
     pool: Pool<Targets>,
@@ -64,7 +64,7 @@ pub struct Tracker {
 impl Node for Tracker {
     const TYPE: &'static str = "laser_pointer.tracker";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Tracks laser pointers on a wall, from the spots that several cameras find";
+    const SUMMARY: &'static str = "Tracks laser pointers on a wall from the spots that several cameras find";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 
@@ -75,7 +75,7 @@ impl Node for Tracker {
     fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
         if settings.map.is_empty() {
-            let message = "found nothing, expected the file that `laser_pointer.calibrator` wrote";
+            let message = "found no file name, expected the file that `laser_pointer.calibrator` wrote";
             return Err(ConfigError::at("map", message));
         }
         let path = setup.path("map", &settings.map)?;
@@ -112,7 +112,7 @@ impl Node for Tracker {
             of_volume.filter(|it| (0..2).any(|axis| (it[axis] / map.size_m[axis] - 1.0).abs() > OTHER_SIZE))
         {
             remarks.push(format!(
-                "{}: the wall is {:.3} m by {:.3} m, and `volume_m` of the scale says {:.3} m by {:.3} m: what is sent as parts of the wall (TUIO) is stretched, expected the same size",
+                "{}: the wall is {:.3} m by {:.3} m, but {:.3} m by {:.3} m in `volume_m` of the scale: relative positions (TUIO) are stretched, expected the same size",
                 path.display(),
                 map.size_m[0],
                 map.size_m[1],
@@ -146,7 +146,7 @@ impl Node for Tracker {
         let Tally { spots, dim, large, beside, late, begun, dropped, bezels } = self.pointers.tally();
         for (name, spots) in &self.seen_unmapped {
             report.remark(format!(
-                "camera `{name}` is not in the map: its {spots} spots are left out, and what it alone sees is missed; expected a map of each camera"
+                "camera `{name}` is not in the map: its {spots} spots are left out; expected a map of each camera"
             ));
         }
         self.remarks.iter().for_each(|it| report.remark(it.clone()));
@@ -174,12 +174,12 @@ impl Node for Tracker {
             report.figure("pointers.codes_shared", found.shared.values().sum::<u64>() as f64);
             for (period_ms, count) in &found.unknown {
                 report.remark(format!(
-                    "{count} pointers went dark about every {period_ms} ms, which is the code of no user: expected the `period_ms` of one of `users`"
+                    "{count} pointers went dark about every {period_ms} ms, which is no user's code: expected the `period_ms` of one of `users`"
                 ));
             }
             for (user, count) in &found.shared {
                 report.remark(format!(
-                    "{count} pointers had the code or the colour of user {user} while another one had it: expected one pointer with each"
+                    "{count} pointers had the code or the colour of user {user} while another one had it: expected one pointer per code"
                 ));
             }
         }

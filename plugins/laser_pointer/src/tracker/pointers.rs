@@ -1,21 +1,21 @@
 //! Pointers on a wall, from the spots that each camera finds at its own times: the algorithm of `laser_pointer.tracker`.
 //!
-//! For each frame, in the order of delivery: its spots become places on the wall, each with the covariance of the spot and of the camera's map. What is dimmer than the
-//! wall itself can be, larger than a spot, or beside the wall is left out. Pointers are predicted to the frame's time and take the places at the least sum of squared
+//! For each frame, in the order of delivery: its spots become places on the wall, each with the covariance of the spot and of the camera's map. Spots dimmer than the
+//! wall itself can be, too large, or outside of the wall are left out. Pointers are predicted to the frame's time and take the places at the least sum of squared
 //! Mahalanobis distances plus ln det S, within a gate. What is left may be new: a pointer begins when a second camera that sees the place sees the spot there, too, or, where one camera
 //! sees it alone, when the spot stays. A place that one camera reports and another, which sees it, does not, is disputed: what no second camera ever saw ends there. A bezel
 //! mirrors a spot along a row or a column of displays: what is level with a larger spot nearby, or plumb with it, does not begin a pointer as long as it stays so.
 //!
-//! Where bezels mirror is learnt (`mirrors`); from then on the place alone says what is a reflection. A pointer that has come to one goes over to the spot itself.
+//! Mirror lines of bezels are learnt (`mirrors`); from then on a reflection is known by its place. A pointer that has moved to a reflection is moved back to the spot.
 //!
-//! A spot that is one with another, or with its own reflection, is shifted. So each observation is one of two: as good as its covariance says, or, less likely, off by a
-//! third of the width at which spots touch; what is likelier enters. A spot that is suddenly half as large again counts as one of two pointers, also where nobody knows of a second.
+//! A spot that is one with another, or with its own reflection, is shifted. So each observation has two hypotheses: it is as accurate as its covariance, or, less likely, off by a
+//! third of the width at which spots touch; the likelier one is used. A spot that is suddenly half as large again counts as that of two pointers, even before the second is known.
 //!
-//! Two pointers whose spots touch are one spot in the picture. Both are updated with it, as what lies between them: with a covariance that spans both, and not for longer
+//! Two pointers whose spots touch are one spot in the picture. Both are updated with it, with a covariance that spans both, and not for longer
 //! than it takes to cross.
 //!
-//! Where users' pointers have blink codes, each frame also tells its pointers' decoders whether they were lit (`codes`); where they have colours, which label each spot has (`colours`), which
-//! also enters the assignment. Whose they are is decided from both (`users`).
+//! Where users' pointers have blink codes, each frame also updates its pointers' decoders (`codes`); where they have colours, each spot's label updates their colour (`colours`), which
+//! also enters the assignment. The user is decided from both (`users`).
 
 use std::collections::BTreeMap;
 
@@ -74,24 +74,24 @@ const CLEAR_FRAMES: u32 = 4;
 /// Frames of a camera in which it must see a spot that another one reports, until the place is disputed.
 const DISPUTED_FRAMES: u32 = 3;
 
-/// What became of spots, over all frames.
+/// Counts of spots over all frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
-    /// Spots that came in.
+    /// Spots received.
     pub spots: u64,
     /// Too dim: the wall itself can be as bright.
     pub dim: u64,
     /// Too large.
     pub large: u64,
-    /// Beside the wall.
+    /// Outside of the wall.
     pub beside: u64,
     /// Frames that came after a later one.
     pub late: u64,
     /// Pointers that began.
     pub begun: u64,
-    /// Candidates that did not stay or that no second camera confirmed.
+    /// Candidates that disappeared too early or that no second camera confirmed.
     pub dropped: u64,
-    /// Lines in which bezels mirror spots, over all cameras.
+    /// Mirror lines of bezels, over all cameras.
     pub bezels: u64,
 }
 
@@ -100,25 +100,25 @@ pub struct Tally {
 struct Place {
     point: Point2<f64>,
     covariance: Matrix2<f64>,
-    /// On the wall [m²].
+    /// Area on the wall [m²].
     area: f64,
     peak: u8,
-    /// Of its colour, as the detector has it.
+    /// Label of its colour by the detector.
     label: Option<u32>,
     /// It may be the reflection of a larger one.
     is_mirrored: bool,
-    /// The spot of this picture whose reflection it is in a bezel that is known.
+    /// The spot of this picture that it is the reflection of, in a known bezel.
     source: Option<usize>,
 }
 
-/// A pointer, or what may be one.
+/// A confirmed or tentative pointer.
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     pub(super) id: Option<TargetId>,
     filter: Filter,
     /// Of the filter's state.
     time: Time,
-    /// When each camera saw it last, and how many of its frames since then should have shown it.
+    /// By camera, when it was last seen, and how many of the camera's frames since then should have shown it.
     cameras: BTreeMap<CameraId, Seen>,
     /// When any camera saw it last.
     seen: Time,
@@ -128,23 +128,23 @@ pub(super) struct Track {
     owned: Time,
     /// Frames since its spot may have been the reflection of a larger one.
     clear: u32,
-    /// Of its largest spot of late [m²].
+    /// Its recent largest spot [m²].
     area: f64,
-    /// Of its spots by themselves: their running mean [m²].
+    /// Running mean of its unmerged spots [m²].
     usual: f64,
     /// This frame's camera saw it.
     pub(super) is_measured: bool,
-    /// What is known of its code; `None` where no user has one.
+    /// State of its code; `None` where no user has one.
     pub(super) decoder: Option<Decoder>,
-    /// What is known of its colour; `None` where no user has one.
+    /// State of its colour; `None` where no user has one.
     pub(super) belief: Option<Belief>,
-    /// Whose it is.
+    /// Its user.
     pub(super) user: Option<u32>,
-    /// Since when it may be another pointer, as their spots were one: until it is decided again whose it is.
+    /// Since when it may be exchanged with another pointer, as their spots were one, until its user is decided again.
     pub(super) mixed: Option<Time>,
-    /// It was dark for longer than a frame since that was decided last: it may be another pointer, too.
+    /// It was dark for longer than a frame since its user was decided: it may be another pointer, too.
     pub(super) dark: bool,
-    /// What is wrong with its code has been counted.
+    /// A fault of its code has been counted.
     pub(super) is_counted: bool,
 }
 
@@ -155,7 +155,7 @@ pub(super) struct Seen {
 }
 
 impl Track {
-    /// Labels in a row that say the same of its colour; as many as one likes where its colour is not looked at.
+    /// Consecutive labels of the same colour; unlimited where colours are not used.
     pub(super) fn run(&self) -> u32 {
         self.belief.as_ref().map_or(u32::MAX, Belief::run)
     }
@@ -167,18 +167,18 @@ pub struct Pointers {
     size: [f64; 2],
     /// By the camera's number; cameras that the map lacks have none.
     cameras: Vec<Option<foveate::scene::WallCamera>>,
-    /// When each camera's last frame was.
-    heard: Vec<Option<Time>>,
+    /// Time of each camera's last frame.
+    last_frames: Vec<Option<Time>>,
     tracks: Vec<Track>,
     next: u32,
     latest: Option<Time>,
     tally: Tally,
     /// By the camera's number.
     health: Vec<health::Camera>,
-    /// Pairs of cameras that disagreed, with how often: the one that saw a spot, the one that did not.
+    /// Pairs of cameras that disagreed, with counts: the one that saw a spot, the one that did not.
     disputes: BTreeMap<(CameraId, CameraId), u64>,
     costs: Vec<f64>,
-    /// By track and place as `costs`: the place is likelier one that is shifted.
+    /// By track and place as `costs`: the hypothesis of a shifted spot is likelier.
     shifted: Vec<bool>,
     mirrors: Mirrors,
     seen: Vec<Spot>,
@@ -189,14 +189,14 @@ pub struct Pointers {
 }
 
 impl Pointers {
-    /// For cameras of these names, in the order of their numbers, before the wall of `map`.
+    /// For cameras of these names, in the order of their numbers, and the wall of `map`.
     pub fn new(settings: TrackerSettings, map: &WallMap, names: &[String]) -> Pointers {
         Pointers {
             users: UsersOfTracks::new(&settings),
             settings,
             size: map.size_m,
             cameras: names.iter().map(|it| map.cameras.get(it).cloned()).collect(),
-            heard: vec![None; names.len()],
+            last_frames: vec![None; names.len()],
             tracks: Vec::new(),
             next: 1,
             latest: None,
@@ -213,7 +213,7 @@ impl Pointers {
         }
     }
 
-    /// What became of spots.
+    /// Counts of spots.
     pub fn tally(&self) -> Tally {
         Tally { bezels: self.mirrors.count() as u64, ..self.tally }
     }
@@ -223,23 +223,23 @@ impl Pointers {
         self.disputes.iter().map(|((saw, not), count)| (*saw, *not, *count))
     }
 
-    /// What is wrong with cameras or settings, in words, for cameras of these names.
+    /// Remarks on cameras or settings, for cameras of these names.
     pub fn remarks(&self, names: &[String]) -> Vec<String> {
         let decided = self.users_tally().map(|it| it.decided);
         health::remarks(&self.health, names, &self.settings, self.tally.begun, decided)
     }
 
-    /// Whose the pointers are, after the frame at `time`; `None` where no user has a code or a colour.
+    /// Users of the pointers after the frame at `time`; `None` where no user has a code or a colour.
     pub fn users(&mut self, time: Time) -> Option<Users> {
         Some(self.users.as_mut()?.report(time, &self.tracks))
     }
 
-    /// What was decided about users; `None` where no user has a code or a colour.
+    /// Counts of decisions about users; `None` where no user has a code or a colour.
     pub fn users_tally(&self) -> Option<&UserTally> {
         self.users.as_ref().map(UsersOfTracks::tally)
     }
 
-    /// Takes in the spots of one camera at one time, and gives all pointers at that time into `targets`. `false`, and nothing is given, for a frame that comes after
+    /// Takes in the spots of one camera at one time, and writes all pointers at that time into `targets`. `false`, without any output, for a frame that comes after
     /// a later one, and for a camera without a map.
     pub fn take_in(&mut self, time: Time, features: &Features, targets: &mut Targets) -> bool {
         let camera = features.camera;
@@ -253,7 +253,7 @@ impl Pointers {
             self.tally.late += 1;
             return false;
         }
-        (self.latest, self.heard[number]) = (Some(time), Some(time));
+        (self.latest, self.last_frames[number]) = (Some(time), Some(time));
         self.place(number, time, &features.list);
         self.end_lost(time);
         for track in &mut self.tracks {
@@ -272,7 +272,7 @@ impl Pointers {
         true
     }
 
-    /// Ends what nobody has seen for too long, before this frame's spots are assigned: what comes back later than that is another one.
+    /// Ends pointers that no camera has seen for too long, before this frame's spots are assigned: a later light is a new pointer.
     fn end_lost(&mut self, time: Time) {
         let lost = Interval::from_ms(self.settings.lost_ms);
         let is_over = |it: &Track| time - it.seen > lost;
@@ -280,7 +280,7 @@ impl Pointers {
         self.tracks.retain(|it| !is_over(it));
     }
 
-    /// Where the spots are on the wall; those that can be no pointers are left out.
+    /// Places of the spots on the wall; spots that cannot be pointers are left out.
     fn place(&mut self, number: usize, time: Time, features: &[Feature]) {
         self.places.clear();
         let Some(camera) = &self.cameras[number] else { return };
@@ -396,7 +396,7 @@ impl Pointers {
         self.leave_reflections();
     }
 
-    /// A pointer that has come to a reflection, as the two were one spot, goes over to the spot itself, unless that is another pointer's.
+    /// Moves a pointer from a reflection back to the spot itself, unless that is another pointer's.
     fn leave_reflections(&mut self) {
         let model = Model::ConstantVelocity { acceleration_density: self.settings.acceleration_density };
         for row in 0..self.tracks.len() {
@@ -486,7 +486,7 @@ impl Pointers {
         }
     }
 
-    /// Tells the decoders of all pointers that this camera sees whether they were lit, and their colours what this frame's spots have.
+    /// Updates the decoders and colours of all pointers that this camera sees with this frame's spots.
     fn decode(&mut self, camera: usize, time: Time) {
         let (Some(users), Some(camera)) = (&self.users, &self.cameras[camera]) else { return };
         let merge = self.settings.merge_mm * 1e-3;
@@ -526,7 +526,7 @@ impl Pointers {
         }
     }
 
-    /// Candidates from the places that no pointer took.
+    /// Initiates candidates from the unassigned places.
     fn begin(&mut self, camera: CameraId, time: Time) {
         let TrackerSettings { merge_mm, acceleration_density, speed, .. } = self.settings;
         let model = Model::ConstantVelocity { acceleration_density };
@@ -576,14 +576,14 @@ impl Pointers {
         }
     }
 
-    /// Ends what cameras dispute; confirms what they agree on.
+    /// Ends disputed candidates; confirms those that cameras agree on.
     fn judge(&mut self, time: Time) {
         let mut number = 0;
         while number < self.tracks.len() {
             let track = &self.tracks[number];
             let point = track.filter.position().xy();
             let sees = |it: usize| {
-                let is_up = self.heard[it].is_some_and(|heard| (time - heard).as_s() < SILENT_S);
+                let is_up = self.last_frames[it].is_some_and(|last| (time - last).as_s() < SILENT_S);
                 is_up && self.cameras[it].as_ref().is_some_and(|it| it.map.sees(&point, self.settings.margin_px))
             };
             let watchers = (0..self.cameras.len()).filter(|it| sees(*it)).count();

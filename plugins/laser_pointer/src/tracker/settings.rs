@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrackerSettings {
-    /// The file with the maps of the cameras, as `laser_pointer.calibrator` writes it. `${NAME}` is an environment variable; a relative path starts at the
+    /// The file with the maps of the cameras, written by `laser_pointer.calibrator`. `${NAME}` is an environment variable; a relative path starts at the
     /// rig's folder [–]
     pub map: String,
-    /// A spot of a pointer is brighter than the brightest that the wall itself can be by at least this factor; pixels that are full count as bright enough [–]
+    /// Smallest ratio of a pointer's brightness to the largest brightness of the wall itself; saturated pixels count as bright enough [–]
     #[schemars(range(min = 0.0, max = 100.0))]
     #[serde(default = "default_brighter")]
     pub brighter: f64,
-    /// Largest spot, as the square root of its area on the wall; what moves fast is smeared [mm]
+    /// Largest spot, as the square root of its area on the wall; fast pointers are smeared [mm]
     #[schemars(range(min = 1.0, max = 1000.0))]
     #[serde(default = "default_largest_mm")]
     pub largest_mm: f64,
@@ -25,15 +25,15 @@ pub struct TrackerSettings {
     #[schemars(range(min = 1e-6, max = 1e6))]
     #[serde(default = "default_acceleration_density")]
     pub acceleration_density: f64,
-    /// Speed of a pointer as it appears, standard deviation along each axis [m/s]
+    /// Standard deviation of a new pointer's speed along each axis [m/s]
     #[schemars(range(min = 0.01, max = 100.0))]
     #[serde(default = "default_speed")]
     pub speed: f64,
-    /// An observation belongs to a pointer when it is no farther than so many standard deviations from where that is expected [σ]
+    /// Gate: an observation belongs to a pointer when it is at most this many standard deviations from the predicted place [σ]
     #[schemars(range(min = 1.0, max = 20.0))]
     #[serde(default = "default_gate_sigmas")]
     pub gate_sigmas: f64,
-    /// A pointer ends when no camera saw it for so long [ms]
+    /// A pointer ends when no camera has seen it for this long [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     #[serde(default = "default_lost_ms")]
     pub lost_ms: f64,
@@ -41,53 +41,53 @@ pub struct TrackerSettings {
     #[schemars(range(min = 0.0, max = 1000.0))]
     #[serde(default = "default_merge_mm")]
     pub merge_mm: f64,
-    /// A new spot this near to a larger one, and level or plumb with it, may be its reflection in a bezel: it must leave that line before it is a pointer [mm]
+    /// A new spot this near to a larger one, and horizontally or vertically aligned with it, may be its reflection in a bezel: it must leave that line before it is a pointer [mm]
     #[schemars(range(min = 0.0, max = 10000.0))]
     #[serde(default = "default_reflection_mm")]
     pub reflection_mm: f64,
-    /// Frames in which a new pointer must be seen where one camera alone sees the place [frames]
+    /// Frames in which a new pointer must be seen where only one camera sees the place [frames]
     #[schemars(range(min = 1, max = 100))]
     #[serde(default = "default_alone_frames")]
     pub alone_frames: u32,
-    /// A camera sees a place for certain when that is at least so far inside its picture [px]
+    /// A camera certainly sees a place that is at least this far inside its picture [px]
     #[schemars(range(min = 0.0, max = 1000.0))]
     #[serde(default = "default_margin_px")]
     pub margin_px: f64,
-    /// Error that cameras' maps have beside what their calibration states, standard deviation along each axis [mm]
+    /// Error of the cameras' maps in addition to that stated in the calibration, standard deviation along each axis [mm]
     #[schemars(range(min = 0.0, max = 100.0))]
     #[serde(default = "default_map_mm")]
     pub map_mm: f64,
-    /// Users whose pointers have a colour of their own, or go dark once in a period of their own, at least 5 % apart from each other. Left out: users are not told apart [–]
+    /// Users whose pointers have a colour of their own, or blink in a period of their own, at least 5 % apart from each other. Left out: users are not distinguished [–]
     #[serde(default)]
     pub users: Vec<UserCode>,
-    /// For how long such a pointer is dark each time: more than a frame and an exposure of the cameras, and `lost_ms` must bridge it and two frames [ms]
+    /// Dark time of such a pointer: more than a frame and an exposure of the cameras; `lost_ms` must bridge it and two frames [ms]
     #[schemars(range(min = 1.0, max = 1000.0))]
     #[serde(default = "default_dark_ms")]
     pub dark_ms: f64,
-    /// Probability from which on it is decided whose a pointer is; at 1 it never is [–]
+    /// Probability from which a pointer's user counts as decided; at 1 it never does [–]
     #[schemars(range(min = 0.5, max = 1.0))]
     #[serde(default = "default_sure")]
     pub sure: f64,
 }
 
-/// What tells one user's pointer from others': a colour, a blink code, or both.
+/// What distinguishes a user's pointer: a colour, a blink code, or both.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UserCode {
-    /// The user's number, as outputs have it [–]
+    /// The user's number in outputs [–]
     pub user: u32,
-    /// From one time that the pointer goes dark to the next; twice `dark_ms` or more. Left out: it is steady [ms]
+    /// Period of the blink code; twice `dark_ms` or more. Left out: the light is steady [ms]
     #[schemars(range(min = 35.0, max = 300.0))]
     #[serde(default)]
     pub period_ms: Option<f64>,
-    /// The label that `led.detector` gives spots of the pointer's colour. Left out: its colour tells nothing [–]
+    /// The label that `led.detector` gives spots of the pointer's colour. Left out: no colour [–]
     #[serde(default)]
     pub colour: Option<u32>,
 }
 
-/// Periods nearer to each other than this cannot be told apart within a stroke [–].
+/// Smallest relative difference of periods that can be distinguished within a stroke [–].
 const LEAST_APART: f64 = 0.05;
-/// Longest period of a code: a longer one takes several seconds to tell [ms].
+/// Longest period of a code: a longer one takes several seconds to decode [ms].
 const MOST_PERIOD_MS: f64 = 300.0;
 
 fn default_brighter() -> f64 {
@@ -165,10 +165,10 @@ impl Default for TrackerSettings {
 }
 
 impl TrackerSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("brighter", self.brighter, 0.0..=100.0)?;
         ConfigError::unless_in("largest_mm", self.largest_mm, 1.0..=1000.0)?;
@@ -224,7 +224,7 @@ impl TrackerSettings {
         Ok(())
     }
 
-    /// Whether the user in that place of the list can be told from those before.
+    /// Whether this user can be distinguished from those before it in the list.
     fn check_apart(&self, place: usize, setting: &str) -> Result<(), ConfigError> {
         let it = &self.users[place];
         for other in &self.users[..place] {

@@ -1,8 +1,8 @@
-//! Whose each pointer is, as its colour and its blink code say; what these say of pointers that were taken for each other.
+//! Users of pointers from colours and blink codes, and corrections of ID switches.
 //!
-//! A pointer has a user once its colour or its decoder is sure, and keeps it until it ends or they are sure of another. Decoders begin anew when spots part that were one. What is decided
-//! then may show that two tracks have taken each other's light: their identities are exchanged, so that each is again with its light. A pointer that may have become another light, since it
-//! was dark or its spot was one with another's, and is another user's now, with nothing to exchange, gets a new identity. One that was seen all the time is the same light: what was
+//! A pointer has a user once its colour or its decoder is certain, and keeps it until it ends or another one becomes certain. Decoders restart when merged spots separate. What is decided
+//! then may show that two tracks have exchanged their lights: their identities are exchanged back. A pointer that may have become another light, since it
+//! was dark or its spot was merged with another's, and is another user's now, without a counterpart, gets a new identity. A continuously seen pointer is the same light: what was
 //! decided before was wrong, and it keeps its identity with the other user.
 //!
 //! One user has one pointer. A second pointer with the same code, or of the same colour, gets no user, and is counted.
@@ -16,22 +16,22 @@ use super::colours::Colours;
 use super::pointers::Track;
 use super::settings::TrackerSettings;
 
-/// Spots in a row that must have the same label before a pointer that has a user is decided anew: where it may have become another light, and where it was seen all the time.
+/// Consecutive spots with the same label that are needed before a pointer's user is decided again: where it may have become another light, and where it was seen continuously.
 const RUN_AFTER_DOUBT: u32 = 4;
 const RUN_IN_SIGHT: u32 = 12;
-/// Periods of unknown codes are told in steps of this width [ms].
+/// Width of the histogram of unknown periods [ms].
 const PERIOD_STEP_MS: f64 = 10.0;
 
-/// What was decided, over all frames.
+/// Counts of decisions over all frames.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct UserTally {
     /// Pointers that got a user.
     pub decided: u64,
-    /// Times that two identities were exchanged.
+    /// ID switches that were corrected.
     pub mended: u64,
     /// Times that a pointer became another user's and got a new identity.
     pub changed: u64,
-    /// Times that a pointer which was seen all the time was another user's than had been decided.
+    /// Continuously seen pointers whose user was corrected.
     pub corrected: u64,
     /// Pointers that were dark in a period of no user, by that period to 10 ms [ms].
     pub unknown: BTreeMap<u32, u64>,
@@ -39,7 +39,7 @@ pub struct UserTally {
     pub shared: BTreeMap<u32, u64>,
 }
 
-/// Decides whose tracks are.
+/// Decides the users of tracks.
 pub(super) struct UsersOfTracks {
     codes: Option<Codes>,
     colours: Option<Colours>,
@@ -63,7 +63,7 @@ impl UsersOfTracks {
         self.colours.as_ref()
     }
 
-    /// Whose the light of a track is, by its code and its colour.
+    /// The user of a track, by its code and its colour.
     fn verdict(&self, track: &Track) -> Verdict {
         let by_code = match (&self.codes, &track.decoder) {
             (Some(codes), Some(decoder)) => codes.verdict(decoder),
@@ -82,7 +82,7 @@ impl UsersOfTracks {
         &self.tally
     }
 
-    /// Decides what decoders are sure of, after a frame; `next` is the next identity.
+    /// Applies all certain decisions after a frame; `next` is the next identity.
     pub fn decide(&mut self, tracks: &mut [Track], next: &mut u32, time: Time) {
         let verdict = |it: &Track| if it.id.is_some() { self.verdict(it) } else { Verdict::Undecided };
         let verdicts: Vec<Verdict> = tracks.iter().map(verdict).collect();
@@ -131,7 +131,7 @@ impl UsersOfTracks {
         }
     }
 
-    /// The decoder of track `row` is sure of `user`.
+    /// Gives `user` to track `row`, whose decoder is certain.
     fn give(&mut self, tracks: &mut [Track], verdicts: &[Verdict], row: usize, user: u32, next: &mut u32) {
         if tracks[row].user == Some(user) {
             if tracks[row].run() >= RUN_AFTER_DOUBT {
@@ -169,7 +169,7 @@ impl UsersOfTracks {
         (tracks[row].user, tracks[row].mixed, tracks[row].dark) = (Some(user), None, false);
     }
 
-    /// What is known after the frame at `time`; exchanges are told once.
+    /// The users after the frame at `time`; each exchange is reported once.
     pub fn report(&mut self, time: Time, tracks: &[Track]) -> Users {
         let mut list: Vec<TargetUser> =
             tracks.iter().filter_map(|it| Some(TargetUser { id: it.id?, user: it.user? })).collect();

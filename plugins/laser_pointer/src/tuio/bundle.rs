@@ -1,4 +1,4 @@
-//! Pointers as TUIO 1.1 bundles: which cursors there are, where each is, the number of the frame.
+//! Pointers as TUIO 1.1 bundles: the alive cursors, their positions, the number of the frame.
 //!
 //! Source: M. Kaltenbrunner, *TUIO 1.1 Protocol Specification*, tuio.org, profiles `/tuio/2Dcur` and `/tuio/2Dobj`. A bundle holds, in this order:
 //!
@@ -10,16 +10,16 @@
 //! | `set` of an object | s, i, x, y, a, X, Y, A, m, r: i is the class, here the user; angle a, its speed A and its acceleration r are 0 |
 //! | `fseq` | number of the frame, ascending |
 //!
-//! A cursor whose number is not alive any more is gone, so that a lost datagram is mended by the next one.
+//! A cursor is gone when its number is not alive any more, so that the next datagram repairs a lost one.
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 
-/// What is told of.
+/// TUIO profiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Profile {
     /// Every pointer that is held down.
     Cursors,
-    /// Those whose user is known.
+    /// Pointers with a known user.
     Objects,
 }
 
@@ -38,17 +38,17 @@ impl Profile {
 const MOST_SETS: usize = 18;
 /// The same of objects.
 const MOST_OBJECTS: usize = 12;
-/// "At once", as OSC 1.0 has it.
+/// "Immediately" in OSC 1.0.
 const AT_ONCE: OscTime = OscTime { seconds: 0, fractional: 1 };
 
 /// One cursor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cursor {
-    /// Its session number: another one each time that it is pressed.
+    /// Its session number, new for each press.
     pub(super) session: i32,
-    /// Whose it is, where that is known.
+    /// Its user, where known.
     pub(super) user: Option<u32>,
-    /// Parts of width and height.
+    /// Position as a share of width and height.
     pub(super) place: [f32; 2],
     /// [1/s]
     pub(super) velocity: [f32; 2],
@@ -56,7 +56,7 @@ pub(super) struct Cursor {
     pub(super) acceleration: f32,
 }
 
-/// The datagrams of frame number `frame`: one, or more where they would not fit. Each says all that are alive.
+/// The datagrams of frame number `frame`: one, or several where one is too small. Each lists all alive cursors.
 pub(super) fn datagrams(profile: Profile, source: &str, frame: i32, cursors: &[Cursor]) -> Vec<Vec<u8>> {
     // A frame without cursors is one datagram, too: it says that nobody is there.
     let most = if profile == Profile::Cursors { MOST_SETS } else { MOST_OBJECTS };
@@ -162,6 +162,6 @@ mod tests {
             }
         }
         assert_eq!(seen, (0..64).collect::<Vec<_>>());
-        assert_eq!(datagrams(Profile::Cursors, "a@b", 1, &[]).len(), 1, "nobody is there: that is told");
+        assert_eq!(datagrams(Profile::Cursors, "a@b", 1, &[]).len(), 1, "no cursor is alive: that is sent");
     }
 }

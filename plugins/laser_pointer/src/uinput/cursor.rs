@@ -1,10 +1,10 @@
-//! One pointer as a mouse with absolute positions, as virtual machines have it.
+//! One pointer as a mouse with absolute positions, as in virtual machines.
 
 use foveate::prelude::TargetId;
 
 use super::{ABS_X, ABS_Y, BTN_LEFT, Contact, Event};
 
-/// The cursor, and who moves it: the oldest pointer, until it is gone.
+/// The cursor, and the pointer that moves it: the oldest one, until it is gone.
 #[derive(Debug, Default)]
 pub(super) struct Cursor {
     holder: Option<TargetId>,
@@ -20,7 +20,7 @@ impl Cursor {
         holder.or_else(|| contacts.iter().min_by_key(|it| it.id))
     }
 
-    /// Whether the button goes down or up, or another pointer takes over.
+    /// Whether the button goes down or up, or the pointer changes.
     pub(super) fn is_urgent(&self, contacts: &[Contact]) -> bool {
         let mover = self.mover(contacts);
         mover.is_some_and(|it| it.is_pressed) != self.is_down || mover.map(|it| it.id) != self.holder

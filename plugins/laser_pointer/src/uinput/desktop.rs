@@ -1,25 +1,25 @@
-//! From the wall to the desktop that its displays make together, in units of the input device.
+//! Maps the wall to the desktop of its displays, in units of the input device.
 
 use foveate::prelude::ConfigError;
 use nalgebra::Vector2;
 
 use crate::wall::Wall;
 
-/// Finest units [1/mm]: a tenth of a millimetre is less than a hand holds still.
+/// Largest resolution [1/mm]: a tenth of a millimetre is less than a hand's tremor.
 const FINEST: f64 = 10.0;
-/// The longer side has no more units than that, which drivers of old touch screens count by too.
+/// Most units of the longer side, which old touch-screen drivers use too.
 const MOST_UNITS: f64 = 65_535.0;
 
 /// The desktop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Desktop {
     tiles: [u32; 2],
-    /// Of a display and of the gap after it, as part of the wall [–].
+    /// Size of a display and of the gap after it, as a share of the wall [–].
     tile: [f64; 2],
     gap: [f64; 2],
     /// The position at the right and lower edges; the left and upper ones are 0 [units].
     pub(super) last: [i32; 2],
-    /// Units in a millimetre of what displays show [1/mm].
+    /// Units per millimetre of the displays [1/mm].
     pub(super) per_mm: i32,
 }
 
@@ -27,7 +27,7 @@ impl Desktop {
     /// The desktop on `wall` of `tiles` displays with gaps between them.
     ///
     /// # Errors
-    /// No display, and gaps that fill the wall.
+    /// No display, or gaps that fill the wall.
     pub(super) fn new(wall: &Wall, tiles: [u32; 2], gap_mm: f64) -> Result<Desktop, ConfigError> {
         ConfigError::unless_in("gap_mm", gap_mm, 0.0..=200.0)?;
         let (mut tile, mut gap, mut shown_mm) = ([1.0; 2], [0.0; 2], [0.0; 2]);
@@ -50,7 +50,7 @@ impl Desktop {
         Ok(Desktop { tiles, tile, gap, last, per_mm: per_mm as i32 })
     }
 
-    /// Parts of the wall's width and height in units of the device. Beyond the wall's edge there is nothing to point at; a gap is the edge before it.
+    /// Converts shares of the wall's width and height to units of the device. Points beyond the wall are clamped to its edge; points in a gap to the edge before it.
     pub(super) fn units(&self, part: &Vector2<f64>) -> [i32; 2] {
         [0, 1].map(|axis| {
             let (tile, gap) = (self.tile[axis], self.gap[axis]);

@@ -6,7 +6,7 @@ use super::{Event, UinputSettings};
 #[cfg(target_os = "linux")]
 pub(super) use self::linux::Device;
 
-/// A device where there is none.
+/// The device on other systems, where it does not exist.
 #[cfg(not(target_os = "linux"))]
 #[derive(Debug)]
 pub(super) enum Device {}
@@ -43,7 +43,7 @@ mod linux {
     /// The letter of uinput's requests.
     const LETTER: u32 = b'U' as u32;
 
-    /// A device of the kernel that is there as long as this is.
+    /// A virtual device of the kernel, removed when this is dropped.
     #[derive(Debug)]
     pub(in super::super) struct Device {
         file: File,
@@ -60,11 +60,11 @@ mod linux {
             let file = OpenOptions::new().write(true).custom_flags(libc::O_NONBLOCK).open(path);
             let file = file.map_err(|error| match error.kind() {
                 ErrorKind::PermissionDenied => format!(
-                    "found `{path}`, which this user may not write, expected that it may: as root put KERNEL==\"uinput\", GROUP=\"input\", MODE=\"0660\", \
-                     OPTIONS+=\"static_node=uinput\" into /etc/udev/rules.d/60-uinput.rules, add the user to the group `input`, and log in anew"
+                    "found `{path}`, which this user may not write, expected write permission: as root put KERNEL==\"uinput\", GROUP=\"input\", MODE=\"0660\", \
+                     OPTIONS+=\"static_node=uinput\" into /etc/udev/rules.d/60-uinput.rules, add the user to the group `input`, and log in again"
                 ),
                 _ => format!(
-                    "found no `{path}` that can be opened ({error}), expected the kernel's file for virtual input devices: `modprobe uinput` as root makes it; a container needs it passed on"
+                    "found no `{path}` that can be opened ({error}), expected the kernel's file for virtual input devices: `modprobe uinput` as root makes it; in a container, pass it on"
                 ),
             })?;
             set_up(&file, settings, desktop).map_err(|error| {
@@ -73,7 +73,7 @@ mod linux {
             Ok(Device { file, bytes: Vec::new() })
         }
 
-        /// Lets `events` happen. Never waits: what readers do not take in time the kernel throws away, and tells them.
+        /// Sends `events`. Never waits: the kernel drops what readers do not read in time, and informs them.
         ///
         /// # Errors
         /// The kernel does not take them.

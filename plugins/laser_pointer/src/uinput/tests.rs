@@ -235,7 +235,7 @@ fn moves_keep_to_the_rate_and_presses_do_not_wait() {
     assert_eq!(report.figures["uinput.presses"], 6.0);
     assert_eq!(report.figures["uinput.left_out"], 1.0);
     assert!((175.0..=190.0).contains(&report.figures["uinput.superseded"]), "{:?}", report.figures);
-    assert!(report.remarks.iter().any(|it| it.contains("1 presses found no slot")), "{:?}", report.remarks);
+    assert!(report.remarks.iter().any(|it| it.contains("1 presses had no slot")), "{:?}", report.remarks);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Pointers as fingers: multitouch protocol B (Documentation/input/multi-touch-protocol.rst of the kernel).
 //!
-//! A finger keeps its slot and its tracking identity while it is down; a slot is given out again with a new identity, never in the frame in which it was left: readers take a frame
-//! for one moment. Fingers that find no slot wait until one is free. The first finger is told once more as `ABS_X`, `ABS_Y` and `BTN_TOUCH`, for readers that know one finger only.
+//! A finger keeps its slot and its tracking identity while it is down; a slot is reused with a new identity, never in the frame in which it was released: readers treat a frame
+//! as one moment. Fingers without a slot wait until one is free. The first finger is also sent as `ABS_X`, `ABS_Y` and `BTN_TOUCH`, for readers of a single finger.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use super::{
     ABS_MT_POSITION_X, ABS_MT_POSITION_Y, ABS_MT_SLOT, ABS_MT_TRACKING_ID, ABS_X, ABS_Y, BTN_TOUCH, Contact, Event,
 };
 
-/// Tracking identities are of 0 to that, and then begin anew.
+/// Largest tracking identity, after which they restart at 0.
 pub(super) const LAST_TRACKING: i32 = 65_535;
 
 /// The fingers of a touch screen.
@@ -27,7 +27,7 @@ pub(super) struct Touch {
 #[derive(Debug, Clone, Copy)]
 struct Finger {
     id: TargetId,
-    /// How many were put down before it.
+    /// Number of fingers put down before it.
     number: u64,
     at: [i32; 2],
 }
@@ -87,7 +87,7 @@ impl Touch {
         events
     }
 
-    /// Tells the first finger once more, and ends the frame.
+    /// Sends the first finger once more, and ends the frame.
     fn end(&self, before: Option<Finger>, events: &mut Vec<Event>) {
         if events.is_empty() {
             return;

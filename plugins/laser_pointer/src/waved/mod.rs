@@ -1,4 +1,4 @@
-//! `laser_pointer.wave_calibrator`: maps cameras to a wall from nothing, by a pointer that is held at its corners and waved over it.
+//! `laser_pointer.wave_calibrator`: maps cameras to a wall from a pointer that is held at its corners and waved over it, without prior maps.
 
 mod rests;
 mod solve;
@@ -8,11 +8,11 @@ mod touched;
 
 use std::path::PathBuf;
 
-use foveate::calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use foveate::estimation::statistics::median;
 use foveate::geometry::plane_map::network::LEAST_PLACES;
 use foveate::prelude::*;
 use foveate::scene::{WallCamera, WallMap};
+use foveate_calibration::recording::{CameraFrame, CameraGuess, Recording, Spot};
 use nalgebra::Point2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -20,11 +20,11 @@ use serde::{Deserialize, Serialize};
 use solve::{Touches, Waved, solve, worst_sigma};
 use touched::wrong;
 
-/// A run that was shorter was cut: that is told, and no failure [s].
+/// A shorter run was interrupted, which is a remark and no failure [s].
 const LEAST_S: f64 = 10.0;
-/// Places may lie so far beside what the wall can show: on its frame [m].
+/// Places may be this far outside of the displayed area, on the wall's frame [m].
 const BESIDE_M: f64 = 0.1;
-/// A camera that shares less of its picture with others is extrapolated over the rest: that is said [–].
+/// A camera that shares less of its picture with others is extrapolated over the rest, which is reported [–].
 const LITTLE_SHARED: f64 = 0.3;
 
 ports! {
@@ -32,13 +32,13 @@ ports! {
 }
 
 figures! {
-    "wave_calibration.cameras": count, high, "Cameras that were mapped to the wall";
+    "wave_calibration.cameras": count, high, "Cameras that were mapped to the wall" => "cameras mapped to the wall";
     "wave_calibration.cameras_failed": count, low, "Cameras without a map: the remarks say why";
     "wave_calibration.shared_moments": count, high, "Moments at which two or more mapped cameras saw the waved pointer";
-    "wave_calibration.held_out_px.*": px, low, "Distance of this camera's place of the pointer from that of the other cameras, as the error of one camera, at every fourth moment, fitted without these; root mean square, in pixels of the wall; what all cameras share is not in it";
-    "wave_calibration.held_out_median_px": px, low, "The median of these over the cameras";
-    "wave_calibration.touch_px": px, low, "Distance of touched places from where the maps have them that were fitted without each; root mean square, in pixels of the wall; with five places or more";
-    "wave_calibration.worst_sigma_px.*": px, low, "Largest standard deviation of a place on the wall over this camera's picture, as the map's covariance has it, in pixels of the wall";
+    "wave_calibration.held_out_px.*": px, low, "Distance between the pointer's place by this camera and by the others, as the error of one camera, at held-out moments (every fourth); root mean square, in pixels of the wall; errors common to all cameras are not included";
+    "wave_calibration.held_out_median_px": px, low, "The median of these over the cameras" => "error of the maps at what was held out, median camera";
+    "wave_calibration.touch_px": px, low, "Distance of touched places from their place by maps that were fitted without each; root mean square, in pixels of the wall; with five places or more";
+    "wave_calibration.worst_sigma_px.*": px, low, "Largest standard deviation of a place on the wall over this camera's picture, by the map's covariance, in pixels of the wall";
     "wave_calibration.outliers.*": count, low, "Observations of this camera that fit badly: reflections and other lights";
 }
 
@@ -46,34 +46,34 @@ figures! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaveCalibratorSettings {
-    /// Width and height of what the wall can show, bezels between displays included, as measured [m]
+    /// Width and height of the displayed area, bezels between displays included, as measured [m]
     pub size_m: [f64; 2],
     /// Side of a pixel of the wall [mm]
     #[schemars(range(min = 0.05, max = 20.0))]
     pub pixel_mm: f64,
-    /// Places at which the pointer is held against the wall before it is waved, in this order; four or more. Left out: the corners of `size_m`, clockwise from the upper left [m]
+    /// Places of the wall at which the pointer is held before it is waved, in this order; four or more. Left out: the corners of `size_m`, clockwise from the upper left [m]
     #[serde(default)]
     pub touch_m: Vec<[f64; 2]>,
-    /// How well it is held there, standard deviation along each axis [mm]
+    /// Accuracy of holding it there, standard deviation along each axis [mm]
     #[schemars(range(min = 0.01, max = 100.0))]
     #[serde(default = "default_touch_mm")]
     pub touch_mm: f64,
-    /// A place is refused that lies farther from where the maps by the other places have it than so many standard deviations [σ]
+    /// Largest distance of a place from its position by maps of the other places; a place beyond that is refused [σ]
     #[schemars(range(min = 1.0, max = 1000.0))]
     #[serde(default = "default_touch_sigmas")]
     pub touch_sigmas: f64,
-    /// For how long at each, at least; a waved pointer does not rest so long [s]
+    /// How long it is held at each, at least; a waved pointer does not rest that long [s]
     #[schemars(range(min = 0.2, max = 60.0))]
     #[serde(default = "default_hold_s")]
     pub hold_s: f64,
-    /// Largest error at moments that were held out, root mean square, and largest standard deviation of a place that the map states; a camera with more gets no map [px of the wall]
+    /// Largest error at held-out moments, root mean square, and largest standard deviation of a place by the map; a camera with larger ones gets no map [px of the wall]
     #[schemars(range(min = 0.01, max = 1000.0))]
     #[serde(default = "default_limit_px")]
     pub limit_px: f64,
-    /// Brightest that the wall itself can be in the cameras' pictures, as the tracker is to take it: nothing of the wall is seen here [gray level]
+    /// Largest brightness of the wall itself in the cameras' pictures, for the tracker: it cannot be measured here [gray level]
     #[schemars(range(min = 1.0, max = 255.0))]
     pub brightest: f64,
-    /// Name of the file with the maps that is written into the results folder [–]
+    /// Name of the file with the maps in the results folder [–]
     #[serde(default = "default_file")]
     pub file: String,
 }
@@ -98,8 +98,8 @@ fn default_file() -> String {
     "wall.map.toml".to_owned()
 }
 
-/// Spots of each camera in; a file with the maps in the results folder, with what they are worth. One pointer is held against the wall at a few known places and then waved to and fro
-/// all over it, above all where views overlap. Cameras that cannot be joined to the others are named; the others get their maps.
+/// Spots of each camera in; a file with the maps and their errors in the results folder. One pointer is held at a few known places of the wall and then waved
+/// all over it, above all where views overlap. Cameras that cannot be connected to the others are named; the others get their maps.
 pub struct WaveCalibrator {
     settings: WaveCalibratorSettings,
     recording: Recording,
@@ -110,7 +110,7 @@ impl Node for WaveCalibrator {
     const TYPE: &'static str = "laser_pointer.wave_calibrator";
     const ROLE: Role = Role::Sink;
     const SUMMARY: &'static str =
-        "Maps cameras to a wall from nothing, by a pointer held at its corners and waved where their views overlap";
+        "Maps cameras to a wall from a pointer held at its corners and waved where views overlap";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = WaveCalibratorSettings;
 
@@ -137,7 +137,7 @@ impl Node for WaveCalibrator {
             if !(0..2).all(|axis| (-BESIDE_M..=settings.size_m[axis] + BESIDE_M).contains(&at[axis])) {
                 let [width, height] = settings.size_m;
                 let message = format!(
-                    "found ({}, {}) m, expected a place of the wall, which `size_m` says is {width} m by {height} m",
+                    "found ({}, {}) m, expected a place of the wall, which is {width} m by {height} m (`size_m`)",
                     at[0], at[1]
                 );
                 return Err(ConfigError::at(&format!("touch_m[{place}]"), message));
@@ -193,20 +193,22 @@ impl Node for WaveCalibrator {
             }
             Err(why) => {
                 report.remark(format!(
-                    "no camera could be mapped to the wall, the run was over after {lasted_s:.1} s: {why}"
+                    "no camera could be mapped to the wall, the run ended after {lasted_s:.1} s: {why}"
                 ));
                 return Ok(());
             }
         };
         let cameras = self.judged(&found, report);
         if found.touched.is_empty() {
-            report.remark("four touched places leave none that the others could be tested by: one that is wrong goes unnoticed; six can name it (`touch_m`)");
+            report.remark("with four touched places none can be checked against the others, and a wrong one is not detected; six identify it (`touch_m`)");
         }
         if let Some(why) = wrong(&found.touched, self.settings.touch_sigmas) {
             return Err(NodeError::input(format_args!("no map is written: {why}")));
         }
         if cameras.is_empty() {
-            return Err(NodeError::input("no camera could be mapped to the wall: the remarks say why of each"));
+            return Err(NodeError::input(
+                "no camera could be mapped to the wall: the remarks give the reason for each",
+            ));
         }
         let map = WallMap { size_m, pixel_m: pixel_mm * 1e-3, cameras: cameras.into_iter().collect() };
         let Some(folder) = &self.out_dir else { return Ok(()) };
@@ -215,7 +217,7 @@ impl Node for WaveCalibrator {
 }
 
 impl WaveCalibrator {
-    /// Figures and remarks, and the maps that are good enough by their cameras' names.
+    /// Figures and remarks, and the accepted maps by their cameras' names.
     fn judged(&self, found: &Waved, report: &mut Report) -> Vec<(String, WallCamera)> {
         let WaveCalibratorSettings { size_m, pixel_mm, limit_px, brightest, .. } = self.settings;
         let pixel_m = pixel_mm * 1e-3;
@@ -264,7 +266,7 @@ impl WaveCalibrator {
         }
         if found.n_wild > 0 {
             report.remark(format!(
-                "at {} of the moments that were held out cameras place the pointer more than 5 cm apart: reflections, or a second pointer",
+                "at {} held-out moments the cameras' places of the pointer are more than 5 cm apart: reflections, or a second pointer",
                 found.n_wild
             ));
         }

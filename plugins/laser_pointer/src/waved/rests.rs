@@ -1,25 +1,25 @@
-//! Where a pointer was held still: stretches of time in which all cameras that see it see it at one place.
+//! Where a pointer was held still: intervals in which every camera sees it at one place.
 
-use foveate::calibration::recording::CameraFrame;
+use foveate_calibration::recording::CameraFrame;
 use nalgebra::{Point2, Vector2};
 
-/// While it rests, a spot keeps this near to where it was at first [px].
+/// Largest motion of a spot at rest [px].
 const STILL_PX: f64 = 1.0;
-/// A picture without the spot is overlooked if the next with it comes within this time [s].
+/// A picture without the spot is ignored if the next with it comes within this time [s].
 const GAP_S: f64 = 0.1;
-/// No place is known better than this: pixels are not the same all over [px].
+/// Smallest standard deviation of a place: pixels are not uniform [px].
 const LEAST_SIGMA_PX: f64 = 0.02;
 
 /// A pointer that was held still.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rest {
-    /// From when to when [s].
+    /// Start and end [s].
     pub(super) span_s: [f64; 2],
     /// Camera, pixel, its standard deviation [px].
     pub(super) seen: Vec<(usize, Point2<f64>, f64)>,
 }
 
-/// All rests of at least `hold_s`, by time. `camera_frames` come by time.
+/// All rests of at least `hold_s`, by time. `camera_frames` are sorted by time.
 pub(super) fn rests(n_cameras: usize, camera_frames: &[CameraFrame], hold_s: f64) -> Vec<Rest> {
     let mut all: Vec<(usize, Stretch)> = Vec::new();
     for camera in 0..n_cameras {

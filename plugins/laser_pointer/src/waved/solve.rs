@@ -1,51 +1,51 @@
-//! Maps of all cameras from a pointer that was held at places of the wall and waved over it: pure.
+//! Maps of all cameras from a pointer that was held at places of the wall and waved over it.
 //!
-//! Cameras run freely: where each saw the pointer at common moments is interpolated along its path, as the calibration of rooms does it for a waved light
-//! ([`foveate::calibration::clocks::frames`]); what lies on no smooth path, such as reflections, is left out there.
+//! Cameras run freely: where each saw the pointer at common moments is interpolated along its path, as in the calibration of rooms from a waved light
+//! ([`foveate_calibration::clocks::frames`]); observations off a smooth path, such as reflections, are left out there.
 
-use foveate::calibration::clocks::{FrameOptions, frames};
-use foveate::calibration::recording::Recording;
-use foveate::calibration::solved::ClockFit;
 use foveate::geometry::PlaneMap;
 use foveate::geometry::plane_map::network::{KnownPlace, MomentObservation, PlaneNetwork, fit_network};
+use foveate_calibration::clocks::{FrameOptions, frames};
+use foveate_calibration::recording::Recording;
+use foveate_calibration::solved::ClockFit;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::rests::rests;
 use super::touched::{Touched, touched};
 
-/// Every so many moments one is held out.
+/// One of this many moments is held out.
 const HELD_OUT: usize = 4;
-/// Of more moments some are left out at equal steps: an adjustment of so many is a second's work.
+/// Most moments; more are thinned evenly: an adjustment of this size takes a second.
 const MOST_MOMENTS: usize = 2500;
-/// The path is not known between pictures further apart [s].
+/// The path is unknown between pictures farther apart [s].
 const MAX_GAP_S: f64 = 0.04;
-/// A held-out point that cameras place further apart is one that a fit would not believe: left out of the error, and counted [m].
+/// A held-out point whose places by the cameras are farther apart is an outlier: left out of the error, and counted [m].
 const WILD_M: f64 = 0.05;
 
-/// What is known of the wall.
+/// Touched places of the wall.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Touches {
     /// Where the pointer was held, in this order [m].
     pub(super) places: Vec<Point2<f64>>,
-    /// Standard deviation of that, along each axis [m].
+    /// Standard deviation along each axis [m].
     pub(super) sigma: f64,
     /// How long it was held at each, at least [s].
     pub(super) hold_s: f64,
 }
 
-/// What was found.
+/// Results of a calibration from a waved pointer.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Waved {
     pub(super) network: PlaneNetwork,
-    /// By camera: how far its place of a held-out moment is from that of the others, as the error of one camera, root mean square [m]; `None` where no moment was shared.
+    /// By camera: the distance of its place of a held-out moment from the others', as the error of one camera, root mean square [m]; `None` where no moment was shared.
     pub(super) held_out_m: Vec<Option<f64>>,
-    /// By touched place, how it fits the others; empty with too few to leave one out.
+    /// By touched place, its distance from maps of the others; empty with too few to leave one out.
     pub(super) touched: Vec<Touched>,
     /// Moments that two cameras with maps saw.
     pub(super) n_shared: usize,
     /// By camera, the part of its picture's width and height over which it shares moments with others [–].
     pub(super) shared_part: Vec<[f64; 2]>,
-    /// Held-out moments that cameras place wildly apart.
+    /// Held-out moments with outliers.
     pub(super) n_wild: usize,
 }
 
@@ -85,14 +85,14 @@ pub(super) fn solve(recording: &Recording, touches: &Touches) -> Result<Waved, S
         .collect();
     let network = fit_network(&sizes, &observations, &places).map_err(|error| error.to_string())?;
     let kept: Vec<MomentObservation> = observations.iter().filter(|it| it.moment % HELD_OUT != 1).copied().collect();
-    let partly = fit_network(&sizes, &kept, &places)
-        .map_err(|error| format!("without the moments that are held out: {error}"))?;
+    let partly =
+        fit_network(&sizes, &kept, &places).map_err(|error| format!("without the held-out moments: {error}"))?;
     let (held_out_m, n_wild) = held_out(&partly, &observations);
     let (n_shared, shared_part) = shared(&sizes, &network, &observations);
     Ok(Waved { touched: touched(&sizes, &observations, &places), network, held_out_m, n_shared, shared_part, n_wild })
 }
 
-/// The moments, one after another, each with what cameras with maps saw.
+/// The moments in order, each with the observations of cameras with maps.
 fn by_moment<'a>(
     network: &'a PlaneNetwork,
     observations: &'a [MomentObservation],

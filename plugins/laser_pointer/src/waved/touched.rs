@@ -1,30 +1,30 @@
-//! Whether the places at which a pointer was held fit each other: each is left out once, and held against where the maps by the others have it.
+//! Consistency of the places at which a pointer was held: each is compared with maps that were fitted without it.
 
 use foveate::geometry::plane_map::network::{KnownPlace, LEAST_PLACES, MomentObservation, PlaneNetwork, fit_network};
 use nalgebra::{Matrix2, Point2, Vector2};
 
-/// Of so many places one that is wrong can be told from the others: without it these still have one to spare.
+/// Fewest places that identify a wrong one: without it the others still have one to spare.
 const LEAST_TO_NAME: usize = LEAST_PLACES + 2;
 
-/// Without the one that is wrong the others fit less than so many times worse than without any other.
+/// Without the wrong one, the others fit less than this many times worse than without any other.
 const ALIKE: f64 = 2.0;
 
-/// A touched place against maps that do not know of it.
+/// A touched place compared with maps that were fitted without it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touched {
     /// Its number in the order in which places were touched.
     pub(super) number: usize,
-    /// Where it was said to be [m].
+    /// Its stated place [m].
     pub(super) point: Point2<f64>,
-    /// How far the maps by the other places have it from there [m].
+    /// Distance of its place by these maps from there [m].
     pub(super) miss: f64,
     /// The same in standard deviations of what these maps state and of how the pointer was held.
     pub(super) sigmas: f64,
-    /// How well the others fit each other without it: root mean square, in the same unit.
+    /// Root mean square distance of the others from maps without it, in the same unit.
     pub(super) others: f64,
 }
 
-/// How each touched place fits the others; empty with too few to leave one out.
+/// Each touched place compared with the others; empty with too few to leave one out.
 pub(super) fn touched(sizes: &[[u32; 2]], observations: &[MomentObservation], places: &[KnownPlace]) -> Vec<Touched> {
     if places.len() <= LEAST_PLACES {
         return Vec::new();
@@ -42,7 +42,7 @@ pub(super) fn touched(sizes: &[[u32; 2]], observations: &[MomentObservation], pl
     off.collect()
 }
 
-/// How far from where it was said to be the maps have a place: of all cameras' places by their mean [m], and of the one that knows it best in standard deviations.
+/// Distance of a place by the maps from its stated place: by the mean of all cameras [m], and by the most certain camera in standard deviations.
 fn missed(network: &PlaneNetwork, place: &KnownPlace) -> Option<(f64, f64)> {
     let (mut sum, mut n, mut best) = (Vector2::zeros(), 0.0, None::<(f64, f64)>);
     for (camera, pixel, sigma) in &place.seen {
@@ -58,7 +58,7 @@ fn missed(network: &PlaneNetwork, place: &KnownPlace) -> Option<(f64, f64)> {
     best.map(|it| ((sum / n).norm(), it.1))
 }
 
-/// What does not fit, in words; `None` where every place is within `most` standard deviations of where the others have it.
+/// Message about places that do not fit; `None` where every place is within `most` standard deviations.
 pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
     let worst = touched.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).filter(|it| it.sigmas > most)?;
     // Without the one that is wrong the others agree; places in a line may each explain the same.
@@ -70,7 +70,7 @@ pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
     }
     let says = |it: &&Touched| {
         format!(
-            "place {} of `touch_m`, ({}, {}) m, lies {:.0} mm from where the other places have it, {:.0} times what their maps and `touch_mm` allow for",
+            "place {} of `touch_m`, ({}, {}) m, is {:.0} mm from its place by the others, {:.0} times the standard deviation of their maps and of `touch_mm`",
             it.number + 1,
             it.point.x,
             it.point.y,
@@ -83,7 +83,7 @@ pub(super) fn wrong(touched: &[Touched], most: f64) -> Option<String> {
         format!("{list}: was the pointer held there, and are `touch_m` and `size_m` right?")
     } else {
         format!(
-            "{list}: which of all places is wrong cannot be told, six can tell; was the pointer held at each of them, in this order, and are `touch_m` and `size_m` right?"
+            "{list}: the wrong place cannot be identified with fewer than six; was the pointer held at each of them, in this order, and are `touch_m` and `size_m` right?"
         )
     })
 }

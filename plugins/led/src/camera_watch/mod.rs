@@ -1,9 +1,9 @@
-//! `led.camera_watch`: tells when a camera was bumped, from what it and the others see in ordinary tracking.
+//! `led.camera_watch`: detects during ordinary tracking that a camera was bumped, from its features and those of the others.
 //!
-//! Each light that a camera sees is placed anew from what the *other* cameras saw of it just before and after ([`watch`]); what is left in the picture is put
-//! down to a small turn of the camera, half a second at a time, and a turn that stays is told from what the camera always showed
-//! ([`turns`]). A camera that is told is no witness any more. What cannot be told is said as well: of two cameras that contradict
-//! each other alone, either may be it.
+//! Each light that a camera sees is triangulated from what the *other* cameras saw of it just before and after ([`watch`]); the residual in the picture is explained by
+//! a small rotation of the camera, half a second at a time, and a lasting rotation is distinguished from the camera's history
+//! ([`turns`]). A bumped camera is no longer used for triangulation. Ambiguous cases are reported as well: of two cameras that contradict
+//! only each other, either may have been bumped.
 
 pub mod turns;
 pub mod watch;
@@ -15,6 +15,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use foveate::diagnostics::fields::number;
 use foveate::prelude::*;
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -29,48 +30,48 @@ ports! {
 }
 
 figures! {
-    "camera_watch.bumped": count, low, "Times that one camera was found to be turned";
-    "camera_watch.undecided": count, low, "Times that one of several cameras was turned, and it is not known which";
-    "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of others, over all cameras";
-    "camera_watch.bumped_at_s.*": s, neither, "Session time since which the camera is turned, at its first bump";
-    "camera_watch.told_at_s.*": s, neither, "Session time at which that was certain";
-    "camera_watch.turn_mrad.*": mrad, neither, "By how much the camera was turned, at its first bump";
-    "camera_watch.shift_px.*": px, neither, "How far lights moved in its picture by that, root mean square";
+        "camera_watch.bumped": count, low, "Cameras found to be rotated" => "cameras found to be turned";
+        "camera_watch.undecided": count, low, "Times that one of several cameras was rotated, without knowing which";
+    "camera_watch.observations": count, high, "Observations that could be compared with the lines of sight of other cameras, over all cameras";
+        "camera_watch.bumped_at_s.*": s, neither, "Session time of the camera's first bump";
+        "camera_watch.told_at_s.*": s, neither, "Session time at which that bump was certain";
+        "camera_watch.turn_mrad.*": mrad, neither, "Rotation of the camera by its first bump";
+        "camera_watch.shift_px.*": px, neither, "Shift of lights in its picture by that bump, root mean square";
 }
 
 /// Settings of [`CameraWatch`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraWatchSettings {
-    /// Over how long observations are gathered into one turn of the camera [s]
+    /// Time over which observations are combined into one rotation of the camera [s]
     #[schemars(range(min = 0.1, max = 60.0))]
     pub bin_s: f64,
-    /// How many such turns together must differ from those before; more find smaller bumps, later [–]
+    /// Number of such rotations that together must differ from those before; more find smaller bumps, later [–]
     #[schemars(range(min = 1, max = 100))]
     pub bins: u32,
-    /// Observations that a turn is made of at least [–]
+    /// Fewest observations of a rotation [–]
     #[schemars(range(min = 4, max = 10000))]
     #[schemars(extend("x-formerly" = "min_sightings"))]
     pub min_observations: u32,
-    /// A smaller turn is not told: the calibration itself is known no better [mrad]
+    /// Smallest rotation that is reported: the calibration itself is no more accurate [mrad]
     #[schemars(range(min = 0.01, max = 100.0))]
     pub least_mrad: f64,
-    /// And one that moves lights in the picture by less than this, root mean square: detectors err as much [px]
+    /// Smallest shift of lights in the picture that is reported, root mean square: the error of detectors [px]
     #[schemars(range(min = 0.01, max = 100.0))]
     pub least_px: f64,
-    /// How far a calibrated camera may be turned from the start, standard deviation; it counts until the camera has a history [mrad]
+    /// Standard deviation of the calibrated orientation, used until the camera has a history [mrad]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub calibration_mrad: f64,
-    /// A turn is told when it is so many times its standard deviation [–]
+    /// Smallest reported rotation in standard deviations [–]
     #[schemars(range(min = 3.0, max = 100.0))]
     pub sigmas: f64,
-    /// How far off a light may be in the picture for still being that light, if no other is as near; bumps are found up to this [mrad]
+    /// Largest distance of a light in the picture from its prediction, if no other is as near; bumps are found up to this [mrad]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub gate_mrad: f64,
-    /// How far apart two pictures of another camera may be for a light to be placed between them; slower ones are watched, but no witnesses [ms]
+    /// Longest time between two pictures of another camera between which a light is triangulated; slower cameras are watched, but not used for the others [ms]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub max_age_ms: f64,
-    /// File of the results that gets each camera's turns [–]
+    /// File of the rotations of each camera in the results folder [–]
     pub file: String,
 }
 
@@ -92,7 +93,7 @@ impl Default for CameraWatchSettings {
 }
 
 impl CameraWatchSettings {
-    /// What they mean for a [`Watch`].
+    /// The settings as options of a [`Watch`].
     pub fn options(&self) -> WatchOptions {
         WatchOptions {
             turns: TurnOptions {
@@ -110,7 +111,7 @@ impl CameraWatchSettings {
     }
 }
 
-/// Compares each camera with what the others make of the same lights, and tells the one that no longer fits since some moment.
+/// Compares each camera with the others on the same lights, and reports the one that no longer fits.
 pub struct CameraWatch {
     watch: Watch,
     names: Vec<String>,
@@ -121,7 +122,7 @@ pub struct CameraWatch {
 impl Node for CameraWatch {
     const TYPE: &'static str = "led.camera_watch";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Tells when a camera was bumped, and by how much, from ordinary tracking";
+    const SUMMARY: &'static str = "Detects during ordinary tracking that a camera was bumped, and by how much";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CameraWatchSettings;
 
@@ -145,7 +146,7 @@ impl Node for CameraWatch {
         if cameras.len() < 3 {
             let n = cameras.len();
             return Err(ConfigError::node(format_args!(
-                "found {n} cameras in the calibration, expected at least 3: a camera is judged by two others"
+                "found {n} cameras in the calibration, expected at least 3: each camera is checked by two others"
             )));
         }
         Ok(Self {
@@ -167,19 +168,19 @@ impl Node for CameraWatch {
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.watch.finish();
-        let told = self.watch.bumps();
-        report.figure("camera_watch.bumped", told.iter().filter(|it| it.cameras.len() == 1).count() as f64);
-        report.figure("camera_watch.undecided", told.iter().filter(|it| it.cameras.len() > 1).count() as f64);
-        for bump in told {
+        let bumps = self.watch.bumps();
+        report.figure("camera_watch.bumped", bumps.iter().filter(|it| it.cameras.len() == 1).count() as f64);
+        report.figure("camera_watch.undecided", bumps.iter().filter(|it| it.cameras.len() > 1).count() as f64);
+        for bump in bumps {
             report.remark(self.sentence(bump));
             // Of a camera that was bumped more than once, the figures are those of the first time.
-            let is_first = |camera: usize| told.iter().find(|it| it.cameras == [camera]) == Some(bump);
+            let is_first = |camera: usize| bumps.iter().find(|it| it.cameras == [camera]) == Some(bump);
             if let [camera] = bump.cameras[..]
                 && is_first(camera)
             {
                 let name = &self.names[camera];
                 report.figure(format!("camera_watch.bumped_at_s.{name}"), bump.at.as_s());
-                report.figure(format!("camera_watch.told_at_s.{name}"), bump.told_at.as_s());
+                report.figure(format!("camera_watch.told_at_s.{name}"), bump.detected_at.as_s());
                 report.figure(format!("camera_watch.turn_mrad.{name}"), bump.turn.norm() * 1e3);
                 report.figure(format!("camera_watch.shift_px.{name}"), bump.shift_px);
             }
@@ -189,7 +190,7 @@ impl Node for CameraWatch {
         let blind: Vec<&str> =
             counts.iter().zip(&self.names).filter(|it| *it.0 == 0).map(|(_, name)| name.as_str()).collect();
         if !blind.is_empty() && blind.len() < self.names.len() {
-            report.remark(format!("{} cannot be watched: no light that two others saw was in view", blind.join(", ")));
+            report.remark(format!("{} cannot be checked: no light in view was seen by two others", blind.join(", ")));
         }
         if let Some(folder) = &self.out {
             std::fs::write(folder.join(&self.file), self.table())
@@ -215,37 +216,37 @@ impl CameraWatch {
             }
             _ if names.len() > 3 && 2 * names.len() > self.names.len() => {
                 format!(
-                    "since {at_s:.1} s most cameras contradict each other, none more than the rest: look at the clocks, or recalibrate"
+                    "since {at_s:.1} s most cameras contradict each other, none more than the rest: check the clocks, or recalibrate"
                 )
             }
             _ => format!(
-                "one of {} was bumped at {at_s:.1} s; which one cannot be told from what they share; recalibrate",
+                "one of {} was bumped at {at_s:.1} s; which one is ambiguous from their common view; recalibrate",
                 names.join(", ")
             ),
         }
     }
 
-    /// One row for each camera and turn.
+    /// One row for each camera and rotation.
     fn table(&self) -> String {
         let mut text = "time_s,camera,tilt_mrad,pan_mrad,roll_mrad,sigma_mrad,observations,sigmas\n".to_owned();
         for row in self.watch.rows() {
-            let [tilt, pan, roll] = of_camera_mrad(&row.turn);
+            let [tilt, pan, roll] = of_camera_mrad(&row.turn).map(|it| number(it, 4));
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{:.3},{},{tilt:.4},{pan:.4},{roll:.4},{:.4},{},{:.2}",
+                "{:.3},{},{tilt},{pan},{roll},{},{},{}",
                 row.at.as_s(),
                 self.names[row.camera],
-                row.sigma * 1e3,
+                number(row.sigma * 1e3, 4),
                 row.observations,
-                row.sigmas
+                number(row.sigmas, 2)
             );
         }
         text
     }
 }
 
-/// Tilt upward, pan to the right and roll clockwise of a camera that sees the world turn by `turn`: it turned the other way [mrad].
+/// Tilt upward, pan to the right and roll clockwise of a camera whose view of the world rotates by `turn`: the camera rotated the opposite way [mrad].
 fn of_camera_mrad(turn: &Vector3<f64>) -> [f64; 3] {
     [turn.x, turn.y, turn.z].map(|it| -1e3 * it)
 }

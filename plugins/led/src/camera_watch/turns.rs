@@ -1,11 +1,11 @@
-//! The turns of one camera over time, and whether the last ones differ from those before.
+//! The rotations of one camera over time, and whether the last ones differ from those before.
 //!
-//! A turn ω by which a camera sees points p (in the camera) moves each by ω × p. That of a bin is the robust least-squares one (Cauchy's
+//! A rotation ω of a camera's view moves points p (in the camera) by ω × p. The rotation of a bin is the robust least-squares one (Cauchy's
 //! loss, scale from the median), so that a minority of wrong observations does little. Errors of one light in one bin are not independent
 //! (half of it is hidden, something shines beside it): n observations of it are known to no better than σ²/n + `CORRELATED_PX`². The last few turns are compared with the mean of
-//! all before them since the last bump: d = recent − before, told when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least turn. The
-//! covariances are widened by what the camera's own history scatters more than they say. Without a history the calibration is taken
-//! at its word.
+//! all before them since the last bump: d = recent − before, reported when dᵀ (C_recent + C_before)⁻¹ d exceeds a square and |d| a least rotation. The
+//! covariances are widened where the camera's history scatters more than they state. Without a history the calibration is trusted
+//! as stated.
 
 use std::collections::BTreeMap;
 
@@ -17,80 +17,80 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 pub struct TurnOptions {
     /// Length of a bin.
     pub bin: Interval,
-    /// Turns that are compared with those before.
+    /// Number of rotations that are compared with those before.
     pub bins: usize,
-    /// Observations in a bin.
+    /// Fewest observations of a bin.
     pub min_observations: usize,
-    /// Turns told are at least this large [rad].
+    /// Smallest reported rotation [rad].
     pub least: f64,
-    /// And move lights in the picture by this much at least, root mean square [px].
+    /// Smallest reported shift of lights in the picture, root mean square [px].
     pub least_px: f64,
     /// Standard deviation of the calibrated orientation [rad].
     pub calibration: f64,
-    /// Turns told are so many standard deviations large.
+    /// Smallest reported rotation in standard deviations.
     pub sigmas: f64,
 }
 
-/// Where a light was seen less where the others have it.
+/// Pixel of a light minus its prediction from the other cameras.
 #[derive(Debug, Clone, Copy)]
 pub struct Residual {
     /// [px]
     pub error: Vector2<f64>,
-    /// Which light.
+    /// The light.
     pub target: TargetId,
-    /// Of `error`, were it independent of all others [px²].
+    /// Covariance of `error`, as if it were independent of all others [px²].
     pub covariance: Matrix2<f64>,
-    /// Its derivative by a turn of the camera, in the camera's axes [px/rad].
+    /// Its derivative by a rotation of the camera, in the camera's axes [px/rad].
     pub by_turn: Matrix2x3<f64>,
 }
 
-/// The turn of a camera in one bin.
+/// The rotation of a camera in one bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turn {
     /// Start of the bin.
     pub at: Time,
     /// About the camera's x (down or up: tilt), y (pan) and z (roll) [rad].
     pub turn: Vector3<f64>,
-    /// Inverse covariance of that [rad⁻²].
+    /// Inverse covariance of `turn` [rad⁻²].
     pub information: Matrix3<f64>,
-    /// What it was made of.
+    /// Number of observations.
     pub observations: usize,
     /// Length in the picture of a turn by 1 rad about each axis, root mean square, as Σ JᵀJ / n [px²/rad²].
     pub squared_px: Matrix3<f64>,
 }
 
-/// The last turns against those before.
+/// The last rotations compared with those before.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// Start of the first bin after it.
     pub at: Time,
-    /// By how much the world turned before the camera [rad].
+    /// Rotation of the world in the camera's view [rad].
     pub turn: Vector3<f64>,
-    /// How it was turned before that [rad].
+    /// Rotation before that [rad].
     pub before: Vector3<f64>,
-    /// How many standard deviations that is.
+    /// The difference in standard deviations.
     pub sigmas: f64,
-    /// In how many bins it shows.
+    /// Number of bins that show it.
     pub bins: usize,
-    /// Root mean square length of it in the picture [px].
+    /// Root mean square shift in the picture [px].
     pub shift_px: f64,
 }
 
-/// Turns kept for comparison: two minutes of half seconds.
+/// Rotations kept for comparison: two minutes of half seconds.
 const LONGEST_HISTORY: usize = 240;
-/// With fewer turns before, the calibration stands in for them.
+/// With fewer rotations before, the calibration is used instead.
 const LEAST_HISTORY: usize = 4;
 /// Median of χ² with three degrees of freedom.
 const MEDIAN_CHI2: f64 = 2.365_974;
-/// No camera is turned by more without anybody noticing; keeps what a bin does not hold from running away [rad].
+/// Largest plausible rotation of a camera; bounds the estimate where a bin does not constrain it [rad].
 const WIDEST: f64 = 0.2;
 const ROUNDS: usize = 12;
 /// Errors that observations of one light in one bin have in common [px].
 const CORRELATED_PX: f64 = 0.15;
-/// A turn that rests on fewer lights is that of a light rather than of a camera.
+/// A rotation seen on fewer lights is motion of a light rather than of a camera.
 const LEAST_TARGETS: usize = 3;
 
-/// The turns of one camera.
+/// The rotations of one camera.
 #[derive(Debug, Clone, Default)]
 pub struct Turns {
     gathered: Vec<Residual>,
@@ -106,7 +106,7 @@ impl Turns {
         self.gathered.push(residual);
     }
 
-    /// Ends the bin that began at `at`. `None` when too little was seen; what was seen is forgotten.
+    /// Ends the bin that began at `at`. `None` when too little was seen; the bin is discarded then.
     pub fn close(&mut self, at: Time, options: &TurnOptions) -> Option<Turn> {
         let targets = self.weigh();
         let is_enough = self.gathered.len() >= options.min_observations && targets >= LEAST_TARGETS;
@@ -119,19 +119,19 @@ impl Turns {
         turn
     }
 
-    /// Forgets all.
+    /// Forgets everything.
     pub fn forget(&mut self) {
         self.gathered.clear();
         self.history.clear();
     }
 
-    /// Forgets all before `time`: the camera stands otherwise since then.
+    /// Forgets everything before `time`: the camera has another orientation since then.
     pub fn forget_before(&mut self, time: Time) {
         self.history.retain(|it| it.at >= time);
     }
 
-    /// The last turns against those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
-    /// `is_void` says that the camera was bumped before, or may have been: what the calibration says of it holds no more.
+    /// The last rotations compared with those before; `None` while there are too few, or when the last of them is not of the bin that began at `now`.
+    /// `is_void`: the camera was or may have been bumped before, so that its calibrated orientation is invalid.
     pub fn change(&self, now: Time, is_void: bool, options: &TurnOptions) -> Option<Change> {
         let n = self.history.len();
         let (before, recent) = self.history.split_at(n.checked_sub(options.bins)?);
@@ -160,12 +160,12 @@ impl Turns {
         Some(Change { at, turn, before: mean, sigmas, bins, shift_px })
     }
 
-    /// Turns known of bins that began after `time`.
+    /// Number of rotations of bins that began after `time`.
     pub fn count_after(&self, time: Time) -> usize {
         self.history.iter().filter(|it| it.at > time).count()
     }
 
-    /// By how much the camera turned from `before` on, and how far that moves lights in its picture (root mean square), from the bins
+    /// Rotation of the camera relative to `before`, and its root mean square shift of lights in the picture, from the bins
     /// after the one that began at `time`, or from that one while there is no other.
     pub fn turned_since(&self, time: Time, before: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
         let first = self.history.iter().position(|it| it.at >= time)?;
@@ -176,7 +176,7 @@ impl Turns {
         Some((turn, turn.dot(&(squared_px * turn)).max(0.0).sqrt()))
     }
 
-    /// Weighs what was gathered; how many lights it is of.
+    /// Computes the weights; returns the number of lights.
     fn weigh(&mut self) -> usize {
         let mut counts: BTreeMap<TargetId, f64> = BTreeMap::new();
         for it in &self.gathered {
@@ -234,7 +234,7 @@ impl Turns {
     }
 }
 
-/// The mean of turns by their information, with its covariance.
+/// The mean of rotations by their information, with its covariance.
 fn mean(turns: &[Turn]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     let (mut information, mut sum) = (Matrix3::zeros(), Vector3::zeros());
     for it in turns {
@@ -245,7 +245,7 @@ fn mean(turns: &[Turn]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     Some((covariance * sum, covariance))
 }
 
-/// By how much turns scatter about their mean more than their covariances say, as a factor of the variance, at least 1.
+/// Factor of the variance by which rotations scatter about their mean more than their covariances state, at least 1.
 fn scatter(turns: &[Turn], mean: &Vector3<f64>) -> f64 {
     let square = |it: &Turn| (it.turn - mean).dot(&(it.information * (it.turn - mean)));
     let mut squares: Vec<f64> = turns.iter().map(square).collect();

@@ -1,9 +1,9 @@
-//! All cameras, each judged by the lights as the others have them.
+//! Checks each camera against the positions of lights by the others.
 //!
-//! A target says which features belong together, and no more: where it is, is found anew for each camera from the features of it in
-//! the *other* cameras, just before and just after, between which its path is straight. (Nothing is carried by the target's velocity,
-//! at which a bumped camera pulls.) A witness that the rest contradicts is left out. A feature counts only when it is the one feature
-//! near a target, and that target the only one near: other lights, glints and crossing targets drop out rather than being guessed at.
+//! A target only associates features: its position is triangulated again for each camera from its features in
+//! the *other* cameras, just before and just after, between which its path is straight. (The target's velocity is not used,
+//! since a bumped camera biases it.) A camera that the rest contradicts is left out. A feature counts only when it is the one feature
+//! near a target, and that target the only one near: other lights, glints and crossing targets are left out.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -18,32 +18,32 @@ use super::turns::{Change, Residual, TurnOptions, Turns};
 /// See [`super::CameraWatchSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WatchOptions {
-    /// About the turns.
+    /// Options of the rotations.
     pub turns: TurnOptions,
-    /// How far a feature may be from its target [rad].
+    /// Largest angle between a feature and its target [rad].
     pub gate: f64,
-    /// How far apart the two features of another camera may be between which a target is placed.
+    /// Longest time between the two features of another camera between which a target is triangulated.
     pub max_age: Interval,
 }
 
-/// Cameras that no longer stand as they stood.
+/// Cameras that were bumped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bump {
-    /// Which; one of these, where it is several.
+    /// The bumped camera; several where it is ambiguous.
     pub cameras: Vec<usize>,
-    /// Since when: the start of the first bin that shows it.
+    /// Start of the first bin that shows it.
     pub at: Time,
-    /// When that was plain.
-    pub told_at: Time,
-    /// By how much the world turned before it, about its own x (tilt), y (pan) and z (roll); of the likeliest one [rad].
+    /// Time at which it was certain.
+    pub detected_at: Time,
+    /// Rotation of the world in its view, about its own x (tilt), y (pan) and z (roll); of the likeliest camera [rad].
     pub turn: Vector3<f64>,
-    /// How far lights moved in its picture, root mean square [px].
+    /// Shift of lights in its picture, root mean square [px].
     pub shift_px: f64,
-    /// How many standard deviations that is.
+    /// The rotation in standard deviations.
     pub sigmas: f64,
 }
 
-/// A turn of a camera, for the table.
+/// A rotation of a camera, for the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// Start of its bin.
@@ -54,31 +54,31 @@ pub struct Row {
     pub turn: Vector3<f64>,
     /// Standard deviation about the worst known axis [rad].
     pub sigma: f64,
-    /// What it was made of.
+    /// Number of observations.
     pub observations: usize,
-    /// How far it and those just before it are from the history; NaN without one.
+    /// Distance of it and those just before it from the history in standard deviations; NaN without a history.
     pub sigmas: f64,
 }
 
-/// Of the most certain change, a change this part as certain is as good a candidate.
+/// A change with this share of the significance of the largest is also a candidate.
 const AS_GOOD: f64 = 0.67;
-/// What shows in fewer bins passes again.
+/// Changes in fewer bins are temporary.
 const LASTING: usize = 2;
-/// Bins to wait for candidates to come apart.
+/// Bins to wait until candidates can be distinguished.
 const PATIENCE: u32 = 4;
-/// A bump's size is taken from as many turns after it, once these are known.
+/// A bump's size is averaged over this many rotations after it, once these are known.
 const SETTLED: usize = 4;
-/// Fewer witnesses than this may all be led astray by one of them.
+/// Fewer supporting cameras than this may all be biased by one of them.
 const CERTAIN: usize = 3;
-/// A squared distance beyond this many variances and a witness is left out, if others remain.
+/// Above this normalised squared distance a supporting camera is left out, if others remain.
 const CONTRADICTS: f64 = 16.0;
-/// Errors of pixels that no covariance states: the lens model, mostly [px].
+/// Pixel errors that are in no covariance, mostly of the lens model [px].
 const UNSTATED_PX: f64 = 0.1;
-/// How much a light is accelerated between two pictures of a camera, standard deviation [m/s²]: arms and legs do as much.
+/// Acceleration of a light between two pictures of a camera, standard deviation [m/s²]: as of arms and legs.
 const ACCELERATION: f64 = 10.0;
 /// Features that wait for their targets; more are forgotten.
 const MOST_WAITING: usize = 4096;
-/// Targets not heard of for this long are forgotten.
+/// Targets without a message for this long are forgotten.
 const FORGOTTEN: Interval = Interval(2_000_000_000);
 
 #[derive(Debug, Clone, Copy)]
@@ -93,17 +93,17 @@ struct Observation {
 struct Seen {
     /// By camera, in the order of time.
     observations: Vec<VecDeque<Observation>>,
-    /// When some camera last observed it.
+    /// Time of its last observation by any camera.
     measured: Time,
 }
 
-/// A feature that is judged as soon as the others' next ones are known.
+/// A feature that waits for the others' next ones.
 #[derive(Debug, Clone, Copy)]
 struct Pending {
     camera: usize,
     target: TargetId,
     observation: Observation,
-    /// About where the target is.
+    /// Approximate position of the target.
     near: Point3<f64>,
 }
 
@@ -112,12 +112,12 @@ struct Pending {
 pub struct Watch {
     options: WatchOptions,
     cameras: Vec<Camera>,
-    /// As they are believed to stand now: tells which feature is which light once a camera was bumped.
+    /// Present cameras, corrected for bumps, for associating features with lights.
     stand: Vec<Camera>,
     turns: Vec<Turns>,
-    /// No witness any more.
+    /// Cameras that are not used for triangulation any more.
     is_out: Vec<bool>,
-    /// What the calibration says of its orientation holds no more: it was bumped, or may have been.
+    /// Cameras whose calibrated orientation is invalid: bumped, or possibly so.
     is_void: Vec<bool>,
     observations: Vec<u64>,
     waiting: Vec<(Time, Arc<Features>)>,
@@ -128,11 +128,11 @@ pub struct Watch {
     bin: Option<Time>,
     patience: u32,
     bumps: Vec<Bump>,
-    /// Of bumps whose size is still to be settled: which, and how the camera was turned before.
+    /// Bumps whose size is not final: camera, and its rotation before.
     unsettled: Vec<(usize, Vector3<f64>)>,
-    /// By camera: how many observations of the open bin had fewer than [`CERTAIN`] witnesses, of how many.
+    /// By camera: number of observations of the open bin with fewer than [`CERTAIN`] supporting cameras, and of all.
     thin: Vec<[usize; 2]>,
-    /// By camera: who was a witness in the open bin.
+    /// By camera: the cameras used for its residuals in the open bin.
     asked: Vec<Vec<bool>>,
     rows: Vec<Row>,
     witnesses: Vec<usize>,
@@ -169,12 +169,12 @@ impl Watch {
         }
     }
 
-    /// What was told so far.
+    /// Bumps reported so far.
     pub fn bumps(&self) -> &[Bump] {
         &self.bumps
     }
 
-    /// All turns so far.
+    /// All rotations so far.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
@@ -184,7 +184,7 @@ impl Watch {
         &self.observations
     }
 
-    /// Takes in what a camera saw at `time`.
+    /// Takes in a camera's features at `time`.
     pub fn add_features(&mut self, time: Time, features: Arc<Features>) {
         if usize::from(features.camera.0) >= self.cameras.len() {
             return;
@@ -203,7 +203,7 @@ impl Watch {
         }
     }
 
-    /// Takes in the targets after what was seen at their time.
+    /// Takes in the targets, after the features of their time.
     pub fn add_targets(&mut self, targets: Arc<Targets>) {
         let time = targets.time;
         let mut waiting = std::mem::take(&mut self.waiting);
@@ -216,7 +216,7 @@ impl Watch {
         self.targets = Some(targets);
     }
 
-    /// Judges what waits, and ends the bin that is open.
+    /// Checks all waiting features, and ends the open bin.
     pub fn finish(&mut self) {
         if let Some(last) = self.pending.back() {
             self.judge_until(last.observation.time);
@@ -226,7 +226,7 @@ impl Watch {
         }
     }
 
-    /// Keeps what a camera saw of each target, to be judged and to judge others by.
+    /// Stores a camera's features of each target, for its own check and those of others.
     fn look(&mut self, time: Time, features: &Features, targets: &Targets) {
         let own = usize::from(features.camera.0);
         let model = &self.stand[own];
@@ -262,7 +262,7 @@ impl Watch {
         }
     }
 
-    /// Judges what was seen up to `until`, after which the others were heard of as well.
+    /// Checks features up to `until`, for which the others' features have come.
     fn judge_until(&mut self, until: Time) {
         while let Some(next) = self.pending.front().filter(|it| it.observation.time <= until).copied() {
             self.pending.pop_front();
@@ -284,7 +284,7 @@ impl Watch {
         }
     }
 
-    /// Compares what a camera saw with what the others make of it.
+    /// Compares a feature with the position of its target by the others.
     fn judge(&mut self, pending: &Pending) {
         let own = pending.camera;
         let Some(placed) = self.place_without(pending) else { return };
@@ -304,7 +304,7 @@ impl Watch {
         self.witnesses.iter().for_each(|it| self.asked[own][*it] = true);
     }
 
-    /// Where the target was by all other cameras; `None` if fewer than two agree.
+    /// The target's position by all other cameras; `None` if fewer than two agree.
     fn place_without(&mut self, pending: &Pending) -> Option<Triangulation> {
         let time = pending.observation.time;
         let seen = self.seen.get(&pending.target)?;
@@ -357,7 +357,7 @@ impl Watch {
         }
     }
 
-    /// Ends the bin that began at `at`, and tells what changed.
+    /// Ends the bin that began at `at`, and reports changes.
     fn close(&mut self, at: Time) {
         let options = self.options.turns;
         let thin = std::mem::replace(&mut self.thin, vec![[0; 2]; self.cameras.len()]);
@@ -431,14 +431,14 @@ impl Watch {
         self.bumps.push(Bump {
             cameras: candidates,
             at: change.at,
-            told_at: at + options.bin + self.options.max_age,
+            detected_at: at + options.bin + self.options.max_age,
             turn: change.turn,
             shift_px: change.shift_px,
             sigmas: change.sigmas,
         });
     }
 
-    /// States the size of bumps from turns after them.
+    /// Finalises the size of bumps from rotations after them.
     fn settle(&mut self) {
         self.unsettled.retain(|(index, before)| {
             let bump = &mut self.bumps[*index];
@@ -454,7 +454,7 @@ impl Watch {
     }
 }
 
-/// `camera` when the world has turned by `turn` before it.
+/// `camera` with the world in its view rotated by `turn`.
 fn turned(camera: &Camera, turn: &Vector3<f64>) -> Camera {
     let turn = Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(*turn));
     Camera { camera_from_world: turn * camera.camera_from_world, ..camera.clone() }

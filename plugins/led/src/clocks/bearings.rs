@@ -11,16 +11,16 @@ pub struct Bearing {
     pub direction: Vector3<f64>,
 }
 
-/// All lines of sight of a camera that stands still.
+/// All lines of sight of a static camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bearings {
-    /// Where it stands [m].
+    /// Its position [m].
     pub centre: Point3<f64>,
     /// Ascending by time.
     list: Vec<Bearing>,
-    /// Between bearings further apart the target is not known; see [`Bearings::follow_period`] [s].
+    /// Largest gap between bearings that is interpolated; see [`Bearings::follow_period`] [s].
     max_gap_s: f64,
-    /// A line of sight that turns faster between two bearings has a wrong one among them [1/s].
+    /// A faster rotation between two bearings is due to a wrong one [1/s].
     max_turn: f64,
 }
 
@@ -37,8 +37,8 @@ impl Bearings {
         }
     }
 
-    /// Once all bearings are there: of a camera with less than one picture in the gap that was allowed, neighbouring pictures are bridged all
-    /// the same.
+    /// Call after the last bearing: for a camera with less than one picture in the allowed gap, the gap is extended to bridge neighbouring
+    /// pictures.
     pub fn follow_period(&mut self) {
         let mut gaps: Vec<f64> = self.list.windows(2).map(|it| it[1].time_s - it[0].time_s).collect();
         gaps.sort_by(f64::total_cmp);
@@ -57,8 +57,8 @@ impl Bearings {
         Some((self.list.first()?.time_s, self.list.last()?.time_s))
     }
 
-    /// Direction at `time_s`, between the two bearings beside it, and how it changes [1/s]; `None` in a gap, and beside
-    /// a bearing that is plainly wrong: between it and a right one the line sweeps past everything, at a speed that would outweigh all others.
+    /// Direction at `time_s`, interpolated between its two neighbours, and its derivative [1/s]; `None` in a gap, and beside
+    /// a wrong bearing, which would have a large weight due to its speed.
     pub fn at(&self, time_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let next = self.list.partition_point(|it| it.time_s < time_s);
         let (before, after) = (self.list.get(next.checked_sub(1)?)?, self.list.get(next)?);
@@ -81,7 +81,7 @@ impl Bearings {
     }
 }
 
-/// By what angle two lines of sight miss one another, and which way: the triple product of the baseline's direction and the two lines, as
+/// Signed angle by which two lines of sight miss one another: the triple product of the baseline's direction and the two lines, as
 /// far as both would have to turn to meet [rad]. `None` where one line runs along the baseline.
 #[inline]
 pub(super) fn miss(baseline: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> Option<(f64, f64)> {
@@ -93,7 +93,7 @@ pub(super) fn miss(baseline: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) 
 /// Bearings this many periods apart are neighbours, however slow the camera [–].
 const NEIGHBOUR_PERIODS: f64 = 1.5;
 
-/// Square of the sine of the angle to the baseline below which a line of sight says nothing: 3°.
+/// Square of the sine of the angle to the baseline below which a line of sight is uninformative: 3°.
 const ALONG: f64 = 2.7e-3;
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
-//! All clocks together, from pairs that were compared one by one.
+//! All clocks together, from pairs that were compared individually.
 //!
-//! A tree of the pairs that agree best gives each camera's clock against one of them; pairs that contradict it are left out. Then all
-//! offsets and rates are moved so that the lines of sight of all pairs meet best: damped least squares under Cauchy's loss, whose
-//! scale follows the residuals down. Lines of sight that miss for another reason (a camera that is placed a little wrong) do so for
-//! seconds on end, so that counting them as independent would flatter: the uncertainty is that of leaving out one stretch of time after
-//! another and solving anew (jackknife).
+//! A tree of the pairs that agree best gives each camera's clock against one of them; contradicting pairs are left out. Then all
+//! offsets and rates are adjusted so that the lines of sight of all pairs meet best: damped least squares under Cauchy's loss, whose
+//! scale follows the residuals down. Lines of sight that miss for another reason (a small error of a camera's pose) do so for
+//! seconds on end, so they are not independent: the uncertainty is that of leaving out one interval after
+//! another and solving again (jackknife).
 
 use foveate::estimation::Loss;
 use foveate::estimation::least_squares::{self, Equations, Options};
@@ -20,20 +20,20 @@ pub struct Link {
     pub a: usize,
     /// Camera b.
     pub b: usize,
-    /// What the search found.
+    /// Result of the search.
     pub clock: PairClock,
 }
 
 /// A camera's clock against the reference camera's: own = `offset_s` + `rate` · reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolvedClock {
-    /// What it shows when the reference's shows 0 [s].
+    /// Its reading when the reference's is 0 [s].
     pub offset_s: f64,
     /// Its seconds in a second of the reference's [–].
     pub rate: f64,
-    /// Of what it shows in the middle of its recording, standard deviation [s].
+    /// Standard deviation of its reading in the middle of its recording [s].
     pub sigma_s: f64,
-    /// Of the rate, standard deviation [–].
+    /// Standard deviation of the rate [–].
     pub sigma_rate: f64,
 }
 
@@ -48,13 +48,13 @@ pub struct Solution {
     pub miss_rad: f64,
 }
 
-/// Pairs whose offset differs from what the others say by more contradict them [s].
+/// Largest difference between a pair's offset and the others' [s].
 const CONTRADICTION_S: f64 = 1.0;
-/// Bearings closer together than this tell the same [s].
+/// Spacing of the bearings that are used [s].
 const THINNED_S: f64 = 0.1;
 const BLOCKS: usize = 10;
 
-/// Solves for all cameras that `links` tie to camera `reference`.
+/// Solves for all cameras that `links` connect to camera `reference`.
 pub fn solve(bearings: &[Bearings], links: &[Link], reference: usize) -> Solution {
     let mut clocks: Vec<Option<[f64; 2]>> = vec![None; bearings.len()];
     if let Some(own) = clocks.get_mut(reference) {
@@ -115,10 +115,10 @@ pub fn solve(bearings: &[Bearings], links: &[Link], reference: usize) -> Solutio
 struct Problem<'a> {
     bearings: &'a [Bearings],
     pairs: Vec<(usize, usize, Vector3<f64>)>,
-    /// By camera: where its two unknowns stand.
+    /// By camera: index of its two unknowns.
     places: Vec<Option<usize>>,
     n_unknowns: usize,
-    /// On the reference's clock, so that offsets and rates hardly depend on one another [s].
+    /// Middle time on the reference's clock, so that offsets and rates are nearly uncorrelated [s].
     middle_s: f64,
     /// Start and length of a block of the jackknife [s].
     blocks: (f64, f64),
@@ -258,7 +258,7 @@ impl<'a> Problem<'a> {
         if angles.is_empty() { f64::NAN } else { *angles.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
 
-    /// The unknowns at which the lines of sight meet best, and the median miss [rad].
+    /// The unknowns with the smallest loss, and the median miss [rad].
     fn solve(&self, start: &DVector<f64>, left_out: Option<usize>) -> (DVector<f64>, f64) {
         let mut unknowns = start.clone();
         for _ in 0..4 {

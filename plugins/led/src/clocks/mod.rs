@@ -1,6 +1,6 @@
-//! `led.clocks`: how far the clocks of cameras are apart that nobody synchronised, from what they saw of one moving target.
+//! `led.clocks`: the offsets between the clocks of unsynchronised cameras, from their views of one moving target.
 //!
-//! Nothing but the cameras' places and lines of sight is needed: no picture of a clapperboard, no table. A search over all offsets and rates for
+//! Only the cameras' poses and lines of sight are needed. A search over all offsets and rates for
 //! each pair of cameras comes first ([`search`](mod@search)), then all cameras together ([`joint`]).
 
 pub mod bearings;
@@ -26,19 +26,19 @@ ports! {
 }
 
 figures! {
-    "clocks.pairs": count, high, "Pairs of cameras whose clocks were tied to each other; those that contradict the others are left out";
+        "clocks.pairs": count, high, "Pairs of cameras whose clocks were linked; pairs that contradict the others are left out";
     "clocks.pairs_contradicting": count, low, "Pairs that contradicted the others and were left out";
     "clocks.miss_mrad.median": mrad, low, "Angle by which lines of sight of two cameras miss one another under the clocks found";
-    "clocks.pictures_with_several": count, low, "Pictures with more than one point, which do not say which one the target is; not used";
-    "clocks.offset_s.*": s, neither, "What the camera's clock shows when the reference's shows 0";
-    "clocks.rate.*": ratio, neither, "How fast the camera's clock runs against the reference's";
+        "clocks.pictures_with_several": count, low, "Pictures left out for more than one point, where the target is ambiguous";
+        "clocks.offset_s.*": s, neither, "Reading of the camera's clock when the reference's is 0";
+        "clocks.rate.*": ratio, neither, "Rate of the camera's clock relative to the reference's";
     "clocks.sigma_ms.*": ms, low, "Standard deviation of the offset";
     "clocks.sigma_rate.*": ratio, low, "Standard deviation of the rate";
     "clocks.error_ms.*": ms, neither, "With truth: error of the camera's clock in the middle of its bearings, signed; 0 is ideal";
-    "clocks.error_max_ms(.*)": ms, low, "With truth: largest error at the first and last bearing, of a camera, and of all";
+    "clocks.error_max_ms(.*)": ms, low, "With truth: largest error at the first and last bearing, of a camera, and of all" => "clocks off the truth, at most";
 }
 
-/// Of one camera: an hour at 280 Hz. More are left out and counted.
+/// Most bearings of one camera: an hour at 280 Hz. More are left out and counted.
 const MAX_BEARINGS: usize = 1_000_000;
 
 /// Settings of [`ClocksNode`].
@@ -47,31 +47,31 @@ const MAX_BEARINGS: usize = 1_000_000;
 pub struct ClocksSettings {
     /// The camera whose clock is the session's. Empty: the first one of the calibration [–]
     pub reference: String,
-    /// Clocks are compared up to this far apart, either way [s]
+    /// Largest offset between clocks, in both directions [s]
     #[schemars(range(min = 1.0, max = 3600.0))]
     pub max_offset_s: f64,
-    /// And up to this part faster or slower [%]
+    /// Largest difference between their rates [%]
     #[schemars(range(min = 0.0, max = 5.0))]
     pub max_rate_percent: f64,
-    /// Between the offsets that are tried; the target should turn no camera's line of sight by more than `tolerance_deg` in it [ms]
+    /// Step of the offsets that are tried; the target should not rotate any camera's line of sight by more than `tolerance_deg` in it [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub step_ms: f64,
-    /// Lines of sight that miss one another by more do not meet: the errors of camera poses, and the motion within a step [deg]
+    /// Largest angle by which lines of sight may miss one another: errors of camera poses, and motion within a step [deg]
     #[schemars(range(min = 0.01, max = 20.0))]
     pub tolerance_deg: f64,
-    /// For how long two cameras must see the target together [s]
+    /// How long two cameras must see the target together [s]
     #[schemars(range(min = 1.0, max = 3600.0))]
     pub min_overlap_s: f64,
-    /// The best offset of two cameras must exceed chance by this much more than any other, or it is not believed [–]
+    /// The best offset of two cameras must exceed chance by this factor more than any other, or it is rejected [–]
     #[schemars(range(min = 1.0, max = 100.0))]
     pub min_distinction: f64,
-    /// Between bearings further apart the target's path is not known; of a slower camera, one and a half of its periods [ms]
+    /// Longest gap between bearings that is interpolated; for a slower camera, one and a half of its periods [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub max_gap_ms: f64,
-    /// A line of sight that turns faster from one picture to the next has a wrong detection at one of its ends and is not used [deg/s]
+    /// Fastest rotation of a line of sight from one picture to the next; a faster one is due to a wrong detection and not used [deg/s]
     #[schemars(range(min = 1.0, max = 100000.0))]
     pub max_turn_deg_s: f64,
-    /// File of the results that gets the clocks, as sections `[clock.NAME]` [–]
+    /// File of the clocks in the results folder, with sections `[clock.NAME]` [–]
     pub file: String,
     /// A file with true clocks to compare with: figures `clocks.error_ms.NAME`. Empty: none [–]
     pub truth: String,
@@ -95,16 +95,16 @@ impl Default for ClocksSettings {
     }
 }
 
-/// Collects what each camera saw in its own time; finds the clocks when the run ends.
+/// Collects each camera's bearings in its own time; finds the clocks when the run ends.
 ///
-/// Pictures in which not exactly one point was found are passed over: they do not say which one the target is.
+/// Pictures without exactly one point are ignored, because the target is ambiguous in them.
 pub struct ClocksNode {
     cameras: Vec<(String, Camera)>,
     bearings: Vec<Bearings>,
     reference: usize,
     options: SearchOptions,
     truth: Option<Clocks>,
-    /// By name, for what the file should keep.
+    /// Frame rates by name, which the file keeps.
     frame_rates: Clocks,
     out: Option<PathBuf>,
     file: String,
@@ -115,7 +115,7 @@ pub struct ClocksNode {
 impl Node for ClocksNode {
     const TYPE: &'static str = "led.clocks";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Finds offset and rate of each camera's clock from the path of one target";
+    const SUMMARY: &'static str = "Estimates offset and rate of each camera's clock from the path of one target";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ClocksSettings;
 
@@ -225,7 +225,7 @@ impl Node for ClocksNode {
         let clocks = self.report_clocks(&solution, report);
         if let Some(folder) = &self.out {
             let text = format!(
-                "# How the cameras' clocks run against that of {}.\n{}",
+                "# The cameras' clocks relative to that of {}.\n{}",
                 self.cameras[self.reference].0,
                 clocks.to_toml()
             );
@@ -246,7 +246,7 @@ impl ClocksNode {
         let true_reference = truth_of(&self.cameras[self.reference].0);
         for (camera, (name, _)) in self.cameras.iter().enumerate() {
             let Some(found) = solution.clocks[camera] else {
-                report.remark(format!("the clock of {name} is not known: no other camera's bearings tell it"));
+                report.remark(format!("the clock of {name} is unknown: it has no link to another camera"));
                 continue;
             };
             report.figure(format!("clocks.offset_s.{name}"), found.offset_s);

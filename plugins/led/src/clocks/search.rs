@@ -1,27 +1,27 @@
-//! How far two cameras' clocks are apart, from nothing: every offset and rate is tried on lines of sight that should meet.
+//! The offset between two cameras' clocks without a prior: every offset and rate is tried on lines of sight that should meet.
 //!
 //! For each offset and rate the gain is the mean of max(0, 1 − (miss / tolerance)²) over the times at which both cameras see the
-//! target. What counts is by how much the gain exceeds its mean over all trials, times the root of the number of times: a long
+//! target. The score is the excess of the gain over its mean over all trials, times the root of the number of times: a long
 //! stretch that agrees beats a short one, and a target that hardly moves agrees with every offset and so with none.
 
 use nalgebra::Vector3;
 
 use super::bearings::{Bearings, miss};
 
-/// What to try.
+/// Options of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOptions {
-    /// Offsets up to this, either way [s].
+    /// Largest offset, in both directions [s].
     pub max_offset_s: f64,
-    /// Rates up to this from 1, either way [–].
+    /// Largest difference of the rate from 1, in both directions [–].
     pub max_rate: f64,
-    /// Between offsets [s].
+    /// Step between offsets [s].
     pub step_s: f64,
-    /// Lines of sight that miss one another by more do not meet [rad].
+    /// Largest angle by which lines of sight may miss one another [rad].
     pub tolerance_rad: f64,
-    /// For how long both must see the target [s].
+    /// How long both must see the target [s].
     pub min_overlap_s: f64,
-    /// The best offset must exceed chance by this much more than any other [–].
+    /// The best offset must exceed chance by this factor more than any other [–].
     pub min_distinction: f64,
 }
 
@@ -51,18 +51,18 @@ impl PairClock {
     }
 }
 
-/// Why two tracks do not tell their clocks apart.
+/// Why the clocks of two tracks cannot be related.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SearchError {
     /// Cameras in one place, or one that saw nothing.
-    #[error("the cameras stand in one place, or one of them saw nothing")]
+    #[error("the cameras are at one place, or one of them saw nothing")]
     NoBaseline,
     /// At no offset do both see the target for long.
     #[error("at no offset do both see the target for more than {best_s:.1} s, expected {min_s:.1} s")]
     TooShort {
         /// The longest [s].
         best_s: f64,
-        /// What is expected [s].
+        /// The required time [s].
         min_s: f64,
     },
     /// Every offset is as good as any other: the target hardly moves, or along the same plane.

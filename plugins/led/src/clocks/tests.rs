@@ -139,7 +139,7 @@ fn node_keeps_its_promises() {
         ClocksNode::new(settings, &Setup { calibration, ..Setup::for_tests() }).err().and_then(|it| it.setting)
     };
     let base = ClocksSettings::default;
-    assert_eq!(refused(ClocksSettings { reference: "nobody".into(), ..base() }).as_deref(), Some("reference"));
+    assert_eq!(refused(ClocksSettings { reference: "absent".into(), ..base() }).as_deref(), Some("reference"));
     assert_eq!(refused(ClocksSettings { truth: "/no/such.toml".into(), ..base() }).as_deref(), Some("truth"));
     assert_eq!(refused(ClocksSettings { file: "../x.toml".into(), ..base() }).as_deref(), Some("file"));
 }

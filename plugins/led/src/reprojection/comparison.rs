@@ -1,7 +1,7 @@
-//! Recovered targets against what the cameras saw at the same time, in pixels.
+//! Recovered targets compared with the cameras' features of the same time, in pixels.
 //!
-//! Targets and features arrive in any order; both are kept until a frame is old enough that nothing more of its time is to
-//! come. Of several values for one time (an integrator gives one after each camera) the last one counts.
+//! Targets and features arrive in any order; both are kept until a frame is old enough that no more messages of its time
+//! will come. Of several values for one time (an integrator sends one after each camera) the last one is used.
 
 use std::collections::BTreeMap;
 
@@ -11,18 +11,18 @@ use nalgebra::{Point2, Point3};
 
 use super::distribution::Distribution;
 
-/// What a frame must show to count.
+/// Options of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComparisonOptions {
     /// Cameras that must agree with a target.
     pub min_cameras: usize,
     /// How close a feature must be to a target's projection to agree [px].
     pub gate: f64,
-    /// How long after its time a frame is settled.
+    /// Time after which a frame is settled.
     pub settle_after: Interval,
 }
 
-/// The comparison so far.
+/// A running comparison.
 #[derive(Debug)]
 pub struct Comparison {
     options: ComparisonOptions,
@@ -77,14 +77,14 @@ impl Comparison {
         }
     }
 
-    /// Takes in what a camera saw at `time`.
+    /// Takes in a camera's features at `time`.
     pub fn add_features(&mut self, time: Time, features: &Features) {
         if let Some(frame) = self.frame(time) {
             frame.features.extend(features.list.iter().map(|it| (features.camera, it.centre)));
         }
     }
 
-    /// Takes in what was recovered; replaces what came earlier for the same time.
+    /// Takes in targets; replaces earlier ones of the same time.
     pub fn add_targets(&mut self, targets: &Targets) {
         if let Some(frame) = self.frame(targets.time) {
             frame.targets.clear();

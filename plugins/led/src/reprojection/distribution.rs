@@ -1,8 +1,8 @@
-//! The distribution of residuals, in little memory however many there are.
+//! The distribution of residuals, in bounded memory.
 
 /// Bins for each factor of e: neighbouring bins differ by 0.2 %.
 const BINS_PER_E: f64 = 500.0;
-/// What is smaller counts as this [px].
+/// Smaller values count as this [px].
 const SMALLEST: f64 = 1e-4;
 /// Up to e²¹ times the smallest: 1.3e5 px.
 const N_BINS: usize = 10_500;

@@ -1,4 +1,4 @@
-//! `led.reprojection`: how well recovered targets agree with what the cameras saw, in pixels.
+//! `led.reprojection`: reprojection errors of recovered targets, in pixels.
 
 mod comparison;
 mod distribution;
@@ -16,10 +16,10 @@ ports! {
 }
 
 figures! {
-    "reprojection_px.{median,p90,max}": px, low, "Distance of a feature from the projection of its target as given out, over frames that min_cameras agree on; features farther than gate_px are left out";
-    "reprojection_px.count": count, neither, "Features that these are taken over";
+    "reprojection_px.{median,p90,max}": px, low, "Distance of a feature from the projection of its target, over frames that min_cameras agree on; features farther than gate_px are left out" => "re-projection error";
+        "reprojection_px.count": count, neither, "Features included in these distances";
     "reprojection_px.median.*": px, low, "Median of that distance over the features of one camera";
-    "frames_recovered": count, high, "Capture times with a measured target that min_cameras agree with";
+    "frames_recovered": count, high, "Capture times with a measured target that min_cameras agree with" => "frames recovered";
     "frames_seen": count, neither, "Capture times with any feature at all";
     "outliers_rejected": count, low, "Features of recovered frames that agree with no recovered target";
     "reprojection.messages_late": count, low, "Messages that came after their frame was settled; not used";
@@ -33,10 +33,10 @@ pub struct ReprojectionSettings {
     /// not synchronised no two share a capture time: 1 then measures each camera's residuals alone [–].
     #[schemars(range(min = 1, max = 1000))]
     pub min_cameras: u32,
-    /// How close a feature must be to a target's projection to agree with it [px].
+    /// Largest distance between a feature and a target's projection for agreement [px].
     #[schemars(range(min = 0.01, max = 10000.0))]
     pub gate_px: f64,
-    /// How long after its capture time a frame is settled: later messages about it are counted and not used [ms].
+    /// Time after capture when a frame is settled: later messages about it are counted and not used [ms].
     #[schemars(range(min = 0.0, max = 600000.0))]
     pub settle_after_ms: f64,
 }
@@ -49,7 +49,7 @@ impl Default for ReprojectionSettings {
 
 /// Figures of the distance between each recovered target's projection and the feature nearest to it.
 ///
-/// The residual is that of the position as it was given out, not of a new fit. Targets that are not `measured` are left out,
+/// The residual is that of the position as sent, not of a new fit. Targets that are not `measured` are left out,
 /// and so are those that fewer than `min_cameras` cameras agree with.
 pub struct Reprojection {
     comparison: Comparison,
@@ -59,7 +59,7 @@ pub struct Reprojection {
 impl Node for Reprojection {
     const TYPE: &'static str = "led.reprojection";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Compares recovered targets with what the cameras saw at the same time, in pixels";
+    const SUMMARY: &'static str = "Compares recovered targets with the features of the cameras, in pixels";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ReprojectionSettings;
 

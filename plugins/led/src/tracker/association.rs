@@ -1,15 +1,15 @@
-//! Which feature of a frame belongs to which target.
+//! Association of features with targets.
 //!
-//! Each target is projected into the camera; what lies within a gate around it may be its own [Davis 2002 §3.4]. Near is
-//! meant in the filter's own measure, νᵀS⁻¹ν + ln det S: the likelihood, up to a constant. The second term lets a target
-//! that is known well win over one that could be anywhere, as a new one could, which the distance νᵀS⁻¹ν alone would
-//! favour. One feature to one target, in one of three ways:
+//! Each target is projected into the camera; features within a gate around it are candidates [Davis 2002 §3.4]. The distance is
+//! the filter's own measure, νᵀS⁻¹ν + ln det S: the likelihood, up to a constant. The second term lets a target
+//! with a small covariance win over an uncertain one, such as a new one, which the distance νᵀS⁻¹ν alone would
+//! favour. One feature per target, by one of three methods:
 //!
 //! | method | rule |
 //! |---|---|
 //! | nearest | the best pair is fixed first, then the best of the rest |
 //! | global | the pairs whose costs have the least sum; a target without a feature costs as much as one at its gate |
-//! | hypotheses | as global, and where a second choice is nearly as good, both are kept: `hypotheses` |
+//! | hypotheses | as global, and where a second choice is nearly as good, both are kept (`hypotheses`) |
 //!
 //! Only targets whose gates share a feature compete, so that the work grows with the targets and not with their square.
 
@@ -23,7 +23,7 @@ use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2};
 
 use super::unresolved::Predicted;
 
-/// What a pair needs to be a pair.
+/// Conditions of a pair.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gate {
     /// Largest √(νᵀS⁻¹ν) [–].
@@ -34,27 +34,27 @@ pub(super) struct Gate {
     pub camera_variance: f64,
     /// Mean squared error of the frame's time [s²].
     pub time_variance: f64,
-    /// False features in a frame of this camera, as far as is known [1/px²].
+    /// Estimated density of false features in a frame of this camera [1/px²].
     pub clutter: f64,
 }
 
-/// One filter of a target, through which it may be seen.
+/// One filter of a target, as a view of it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View<'a> {
     /// Number of the target.
     pub track: usize,
     pub filter: &'a Filter,
-    /// Its gate may hold this many false features in one frame, on average, and no more [–].
+    /// Most false features that its gate may hold in one frame, on average [–].
     pub most_clutter: f64,
-    /// The part of the frames of late that saw it, where it is known well enough to share a feature with another target [–].
+    /// Recent detection rate, where it is certain enough to share a feature with another target [–].
     pub shares: Option<f64>,
 }
 
-/// How a target without a feature compares with one that has: −2 ln of a density of false features of one in a picture of
+/// Cost of a target without a feature: −2 ln of a density of false features of one in a picture of
 /// 640 × 240 and a chance of 0.3 to be hidden, in the units of [`Pair::cost`].
 const MISS_COST: f64 = 22.0;
 
-/// A target and a feature that may be its own.
+/// A target and a candidate feature.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     /// νᵀS⁻¹ν + ln det S; less is better.
@@ -65,13 +65,13 @@ pub(super) struct Pair {
     pub track: usize,
     /// Number of the feature.
     pub feature: usize,
-    /// Where the feature says that the target is [px].
+    /// Measured position of the target by the feature [px].
     pub pixel: Point2<f64>,
     /// Measured minus expected [px].
     pub innovation: Vector2<f64>,
     /// Of the pixel by the position [px/m].
     pub jacobian: Matrix2x3<f64>,
-    /// What is uncertain of it beside the feature's own covariance and the camera's error: of a spot that is two targets [px²].
+    /// Uncertainty beyond the feature's own covariance and the camera's error: of a spot that is two targets [px²].
     pub spread: Matrix2<f64>,
 }
 
@@ -90,7 +90,7 @@ pub(super) struct Association {
     in_view: Vec<bool>,
     /// By feature: whether it has a target.
     pub(super) feature_taken: Vec<bool>,
-    /// By feature: whether it lies in the gate of a target that does not dare to take it.
+    /// By feature: whether it lies in the gate of a target that is too uncertain to take it.
     disputed: Vec<bool>,
     /// Targets that may share a feature.
     pub(super) predicted: Vec<Predicted>,
@@ -130,7 +130,7 @@ impl Association {
         }
     }
 
-    /// Fixes the best pair, then the best of the rest, and so on.
+    /// Chooses the best pair, then the best of the rest, and so on.
     pub fn choose_nearest(&mut self) {
         // A complete order: equal costs by identity, then by place, so that a run can be repeated.
         self.candidates.sort_unstable_by(|a, b| {
@@ -144,7 +144,7 @@ impl Association {
         }
     }
 
-    /// Fixes the pairs whose costs have the least sum.
+    /// Chooses the pairs with the smallest sum of costs.
     pub fn choose_global(&mut self) {
         self.cluster(std::iter::empty::<(usize, usize)>());
         for number in 0..self.clusters.len() {
@@ -157,7 +157,7 @@ impl Association {
         self.is_unresolved.get(track).copied().unwrap_or(false)
     }
 
-    /// Fixes the best pairs of cluster `number`, among those that `counts` admits.
+    /// Chooses the best pairs of cluster `number`, among those that `counts` accepts.
     pub fn choose_best_of(&mut self, number: usize, counts: impl Fn(&Pair) -> bool) {
         let cluster = self.clusters.get(number);
         let (n_rows, n_columns) = (cluster.tracks.len(), cluster.features.len());
@@ -184,8 +184,8 @@ impl Association {
         }
     }
 
-    /// Sets aside the pairs that nobody competes for, and groups the rest: targets in one cluster share features, or are `tied`
-    /// (pairs of numbers of targets). Gives the number of clusters.
+    /// Separates the pairs without a competitor, and groups the rest: targets in one cluster share features, or are `tied`
+    /// (pairs of numbers of targets). Returns the number of clusters.
     pub fn cluster(&mut self, tied: impl Iterator<Item = (usize, usize)>) -> usize {
         let n_tracks = self.target_taken.len();
         self.clusters.form(&self.candidates, n_tracks, self.feature_taken.len(), tied);
@@ -205,7 +205,7 @@ impl Association {
         &self.candidates
     }
 
-    /// Fixes candidate number `candidate`.
+    /// Chooses candidate number `candidate`.
     pub fn choose_candidate(&mut self, candidate: usize) {
         self.choose(self.candidates[candidate]);
     }
@@ -216,12 +216,12 @@ impl Association {
         self.chosen.push(pair);
     }
 
-    /// Takes note that `track` has a feature in the likeliest hypothesis.
+    /// Notes that `track` has a feature in the likeliest hypothesis.
     pub fn note_target(&mut self, track: usize) {
         self.target_taken[track] = true;
     }
 
-    /// Takes note that `feature` belongs to a target in some hypothesis.
+    /// Notes that `feature` belongs to a target in some hypothesis.
     pub fn note_feature(&mut self, feature: usize) {
         self.feature_taken[feature] = true;
     }
@@ -349,7 +349,7 @@ pub(super) fn widened(covariance: &Matrix2<f64>, camera_variance: f64) -> Matrix
     covariance + Matrix2::identity() * camera_variance
 }
 
-/// Targets that compete.
+/// Competing targets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cluster<'a> {
     /// Numbers of the targets, ascending.
@@ -362,10 +362,10 @@ pub(super) struct Cluster<'a> {
     pub miss_cost: f64,
 }
 
-/// Who competes with whom.
+/// Clusters of competing targets.
 #[derive(Debug, Default)]
 struct Clusters {
-    /// Candidates that nobody competes for.
+    /// Candidates without a competitor.
     plain: Vec<usize>,
     /// By target: the first of its cluster, by links.
     parent: Vec<usize>,

@@ -1,7 +1,7 @@
-//! What a target's filter took in lately, so that an observation that comes late can be put where it belongs.
+//! The recent updates of a target's filter, for out-of-sequence updates.
 //!
 //! [Davis 2002 §3.5] applies slightly late observations as though they were of the filter's time. With a short history the filter is
-//! taken back to the observation's own time instead, and all that came after is applied again.
+//! rolled back to the observation's own time instead, and all later updates are applied again.
 
 use std::collections::VecDeque;
 
@@ -19,7 +19,7 @@ pub(super) struct Step {
     pub filter: Filter,
 }
 
-/// What was observed.
+/// An observation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub camera: CameraId,
@@ -36,7 +36,7 @@ pub(super) struct History {
 }
 
 impl History {
-    /// Forgets everything: before the next step nothing can be put in.
+    /// Forgets everything: earlier observations cannot be inserted any more.
     pub fn clear(&mut self) {
         self.steps.clear();
     }
@@ -58,7 +58,7 @@ impl History {
         Some(filter)
     }
 
-    /// Puts a step in its place and applies all later ones again; gives the filter as of `now`.
+    /// Inserts a step and applies all later ones again; returns the filter as of `now`.
     pub fn insert(&mut self, step: Step, cameras: &[Camera], noise_scale: f64, now: Time) -> Filter {
         let mut filter = step.filter.clone();
         let mut time = step.time;

@@ -1,9 +1,9 @@
-//! Several answers kept where one frame cannot tell which feature belongs to which target.
+//! Several hypotheses where the association of one frame is ambiguous.
 //!
 //! Targets that compete for features, with a second assignment nearly as likely as the first, form a *group*. A group has
 //! hypotheses: each holds a filter for every member and a weight, and grows by every assignment of the next frame that is likely
-//! enough. Unlikely ones are dropped, those that have come to say the same are joined, and a group that is left with one answer, or
-//! has had its time, is taken apart. What is given out is the likeliest hypothesis. This is multiple-hypothesis tracking (D. Reid, "An
+//! enough. Unlikely ones are dropped, equal ones are merged, and a group with a single hypothesis, or
+//! at the end of its time, is dissolved. The likeliest hypothesis is sent. This is multiple-hypothesis tracking (D. Reid, "An
 //! algorithm for tracking multiple targets", IEEE Trans. Automatic Control 24, 1979), confined to the targets that need it.
 
 use foveate::estimation::motion::Filter;
@@ -13,15 +13,15 @@ use smallvec::SmallVec;
 use super::association::{Association, Gate, Pair, View};
 use super::track::Track;
 
-/// Hypotheses a group keeps.
+/// Most hypotheses of a group.
 const MOST_HYPOTHESES: usize = 8;
-/// Targets a group may have; where more compete, the likeliest answer is taken at once.
+/// Most targets of a group; where more compete, the likeliest association is used at once.
 const MOST_MEMBERS: usize = 6;
-/// An answer whose likelihood is less than that of the best by more than this factor is dropped; in −2 ln of it: 2 ln 100.
+/// A hypothesis less likely than the best by more than this factor is dropped; in −2 ln of it: 2 ln 100.
 const SLACK: f64 = 9.2;
-/// Hypotheses whose filters all lie this close, in squared standard deviations, say the same.
+/// Hypotheses whose filters all differ by less than this, in squared standard deviations, are equal.
 const SAME: f64 = 0.25;
-/// The likeliest hypothesis is taken when a group is older than this.
+/// After this time the likeliest hypothesis of a group is used.
 const LONGEST: Interval = Interval(1_500_000_000);
 
 /// All groups.
@@ -35,7 +35,7 @@ pub(super) struct Hypotheses {
     spare: Vec<Hypothesis>,
     joint: Vec<Joint>,
     children: Vec<Child>,
-    /// Groups that began.
+    /// Groups begun.
     pub begun: u64,
 }
 
@@ -58,7 +58,7 @@ struct Hypothesis {
     seen: SmallVec<[bool; MOST_MEMBERS]>,
 }
 
-/// A hypothesis about all targets of a cluster, before the frame is looked at.
+/// A hypothesis about all targets of a cluster, before the frame.
 #[derive(Debug, Clone)]
 struct Joint {
     cost: f64,
@@ -66,7 +66,7 @@ struct Joint {
     views: SmallVec<[usize; MOST_MEMBERS]>,
 }
 
-/// What becomes of a joint hypothesis by one assignment.
+/// A child of a joint hypothesis by one assignment.
 #[derive(Debug, Clone)]
 struct Child {
     cost: f64,
@@ -75,7 +75,7 @@ struct Child {
     choice: SmallVec<[Option<usize>; MOST_MEMBERS]>,
 }
 
-/// What the targets of a frame are updated with.
+/// Data for updating the targets of a frame.
 pub(super) struct Frame<'a> {
     pub camera: CameraId,
     pub time: Time,
@@ -84,7 +84,7 @@ pub(super) struct Frame<'a> {
 }
 
 impl Hypotheses {
-    /// Carries all filters `dt_s` on, each with the noise of its target.
+    /// Predicts all filters by `dt_s`, each with the noise of its target.
     pub fn predict(&mut self, tracks: &[Track], dt_s: f64) {
         for group in &mut self.groups {
             for (place, id) in group.members.iter().enumerate() {
@@ -97,7 +97,7 @@ impl Hypotheses {
         }
     }
 
-    /// Looks up which of `tracks`, ascending by identity, are in a group; those that have died leave theirs.
+    /// Looks up which of `tracks`, ascending by identity, are in a group; terminated ones leave theirs.
     pub fn look_up(&mut self, tracks: &[Track]) {
         self.group_of.clear();
         self.group_of.resize(tracks.len(), None);
@@ -162,8 +162,8 @@ impl Hypotheses {
         })
     }
 
-    /// Settles the clusters of `association`, whose candidates were found among [`Self::views`]: a clear answer becomes chosen pairs, an
-    /// unclear one a group, whose members are updated here.
+    /// Settles the clusters of `association`, whose candidates were found among [`Self::views`]: a clear association becomes chosen pairs, an
+    /// ambiguous one a group, whose members are updated here.
     pub fn settle(&mut self, association: &mut Association, tracks: &mut [Track], frame: &Frame<'_>) {
         let groups = &self.groups;
         let place_of = |id: &TargetId| tracks.binary_search_by_key(id, |it| it.id).ok();
@@ -238,7 +238,7 @@ impl Hypotheses {
         self.grow(&members, &groups, association, tracks, frame);
     }
 
-    /// All hypotheses about `members`: those of their groups in every combination, the likeliest.
+    /// All joint hypotheses about `members`: the likeliest combinations of those of their groups.
     fn join(&mut self, members: &[usize], groups: &[usize]) {
         self.joint.clear();
         self.joint.push(Joint { cost: 0.0, views: members.iter().map(|&it| self.first_view[it]).collect() });

@@ -1,7 +1,7 @@
-//! What no target explains, kept for a while, and the targets that are initiated of it [Davis 2002 §3.6].
+//! Initiation of targets from unassociated features [Davis 2002 §3.6].
 //!
-//! Lines of sight of different moments meet only where a light is slow, which is the paper's rule. A feature that a camera has
-//! seen twice shows how fast it moves in the picture; extrapolated to one moment, the lines of a fast light meet as well. Both
+//! Lines of sight of different times meet only for slow lights, which is the paper's rule. A feature that a camera has
+//! seen twice has a velocity in the picture; extrapolated to one time, the lines of a fast light meet as well. Both
 //! are tried, the paper's rule first.
 
 use foveate::geometry::{Camera, PixelNoise, refine};
@@ -13,7 +13,7 @@ use super::association::widened;
 use super::partners::Partners;
 use crate::consensus::{Consensus, ConsensusOptions, Meeting, RayObservation};
 
-/// Motions in pictures agree on a velocity when their mean square off it, and its own off rest, is within this many standard deviations.
+/// Motions in pictures agree on a velocity when their mean square deviation from it is within this many standard deviations.
 const MOTION_GATE: f64 = 2.0;
 
 /// The unmatched features of each camera's newest frame.
@@ -36,14 +36,14 @@ struct Recent {
     loose: Vec<Loose>,
 }
 
-/// A feature without a target.
+/// An unassociated feature.
 #[derive(Debug, Clone, Copy)]
 struct Loose {
     observation: RayObservation,
     motion: Option<Motion>,
 }
 
-/// How a feature moves in its picture.
+/// Motion of a feature in its picture.
 #[derive(Debug, Clone, Copy)]
 struct Motion {
     /// [px/s]
@@ -52,11 +52,11 @@ struct Motion {
     variance: f64,
 }
 
-/// What an initiation needs, besides lines that meet.
+/// Conditions of an initiation, besides lines that meet.
 pub(super) struct Conditions<'a> {
     pub cameras: &'a [Camera],
     pub options: ConsensusOptions,
-    /// Part of the onlooking cameras that must agree [–].
+    /// Part of the cameras in view that must agree [–].
     pub share: f64,
     pub stale_after: Interval,
     /// Each axis of the velocity, standard deviation [m/s].
@@ -65,7 +65,7 @@ pub(super) struct Conditions<'a> {
     pub camera_variance: f64,
 }
 
-/// Where a new target is, and how it moves.
+/// Initial state of a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Start {
     /// [m]
@@ -91,8 +91,8 @@ impl TrackInitiation {
         }
     }
 
-    /// Replaces what `camera` left unmatched by what its newest frame, of `time`, leaves. A feature less than `reach` [px] from where one
-    /// of the frame before was expected is taken for that one.
+    /// Replaces the unmatched features of `camera` by those of its newest frame, of `time`. A feature less than `reach` [px] from the prediction
+    /// of one of the frame before is assumed to be the same.
     pub fn record(
         &mut self,
         camera: CameraId,
@@ -115,12 +115,12 @@ impl TrackInitiation {
         }));
     }
 
-    /// How many features of `camera`'s newest frame are still unexplained.
+    /// Number of unmatched features in `camera`'s newest frame.
     pub fn n_unmatched(&self, camera: CameraId) -> usize {
         self.by_camera.get(usize::from(camera.0)).map_or(0, |recent| recent.loose.len())
     }
 
-    /// Forgets the features of a camera whose frame is not to be trusted.
+    /// Drops the features of a camera whose frame is unreliable.
     pub fn forget(&mut self, camera: CameraId) {
         if let Some(recent) = self.by_camera.get_mut(usize::from(camera.0)) {
             recent.loose.clear();
@@ -128,7 +128,7 @@ impl TrackInitiation {
     }
 
     /// The points where a line of `camera`'s newest frame meets those of others, all of which are allowed; best first. With `moving`,
-    /// every line is extrapolated to `now` by its motion, and those without one are left out.
+    /// every line is extrapolated to `now` by its motion, and those without a motion are left out.
     pub fn meetings(
         &mut self,
         camera: CameraId,
@@ -171,7 +171,7 @@ impl TrackInitiation {
         self.meetings.get(index)
     }
 
-    /// Part of the cameras that look on that agree with `meeting`, which a line of `camera` proposed.
+    /// Part of the cameras in view that agree with `meeting`, which a line of `camera` proposed.
     pub fn share(&self, camera: CameraId, meeting: &Meeting, now: Time, conditions: &Conditions<'_>) -> f64 {
         let onlookers = Onlookers { by_camera: &self.by_camera, partners: self.partners.of(camera), now, conditions };
         meeting.members.len() as f64 / onlookers.count(&meeting.position).max(1) as f64
@@ -183,9 +183,9 @@ impl TrackInitiation {
         cameras.filter(move |camera| self.by_camera[usize::from(camera.0)].time == Some(time))
     }
 
-    /// The start of a target initiated at `meeting`, at time `now`: the maximum-likelihood point of its pixels, less certain by what it may
-    /// have moved since the oldest of them, and the velocity that its motions in the pictures show, if they agree on one.
-    /// `None` when the cameras' lines fix no point, or `moving` ones no motion.
+    /// The start of a target initiated at `meeting`, at time `now`: the maximum-likelihood point of its pixels, with added uncertainty for its possible
+    /// motion since the oldest of them, and the velocity from its motions in the pictures, if they agree on one.
+    /// `None` when the cameras' lines do not determine a point, or `moving` ones no motion.
     pub fn start(&self, meeting: &Meeting, now: Time, moving: bool, conditions: &Conditions<'_>) -> Option<Start> {
         let mut cameras: SmallVec<[&Camera; 20]> = SmallVec::new();
         let mut pixels: SmallVec<[Point2<f64>; 20]> = SmallVec::new();
@@ -243,7 +243,7 @@ impl TrackInitiation {
         (fits && seen.len() >= 2).then_some((velocity, covariance))
     }
 
-    /// Uses up all lines that pass within `distance` of `point` [m]: the light there has its target now.
+    /// Removes all lines that pass within `distance` of `point` [m]: the light there has its target now.
     pub fn consume(&mut self, camera: CameraId, point: &Point3<f64>, distance: f64) {
         for &partner in self.partners.of(camera) {
             let recent = &mut self.by_camera[partner];
@@ -251,7 +251,7 @@ impl TrackInitiation {
         }
     }
 
-    /// Uses up the lines of `meeting` themselves.
+    /// Removes the lines of `meeting` themselves.
     pub fn consume_members(&mut self, index: usize) {
         let Some(meeting) = self.meetings.get(index) else { return };
         for &member in &meeting.members {
@@ -261,7 +261,7 @@ impl TrackInitiation {
     }
 }
 
-/// The motion of `observation`, if the frame before, `elapsed_s` earlier, has a feature that may be the same one.
+/// The motion of `observation`, if the frame before, `elapsed_s` earlier, has a matching feature.
 fn follow(observation: &RayObservation, before: &[Loose], elapsed_s: f64, reach: f64) -> Option<Motion> {
     if elapsed_s <= 0.0 {
         return None;
@@ -277,7 +277,7 @@ fn follow(observation: &RayObservation, before: &[Loose], elapsed_s: f64, reach:
     Some(Motion { velocity, variance: variance.max(1e-6) / (elapsed_s * elapsed_s) })
 }
 
-/// `observation` as the camera would have it at `now`.
+/// `observation` extrapolated to `now`.
 fn carry(observation: &RayObservation, motion: &Motion, now: Time, camera: &Camera) -> Option<RayObservation> {
     let elapsed_s = (now - observation.time).as_s();
     let pixel = observation.pixel + motion.velocity * elapsed_s;
@@ -285,7 +285,7 @@ fn carry(observation: &RayObservation, motion: &Motion, now: Time, camera: &Came
     Some(RayObservation { time: now, ray: camera.ray(&pixel)?, pixel, covariance, ..*observation })
 }
 
-/// Who could have seen a point.
+/// Cameras that have a point in view.
 struct Onlookers<'a> {
     by_camera: &'a [Recent],
     partners: &'a [usize],
@@ -294,7 +294,7 @@ struct Onlookers<'a> {
 }
 
 impl Onlookers<'_> {
-    /// How many cameras with a fresh frame have `point` in their field of view.
+    /// Number of cameras with a fresh frame and `point` in their field of view.
     fn count(&self, point: &Point3<f64>) -> usize {
         let fresh = |recent: &Recent| recent.time.is_some_and(|time| self.now - time <= self.conditions.stale_after);
         let onlooking = self.partners.iter().filter(|&&it| fresh(&self.by_camera[it]));

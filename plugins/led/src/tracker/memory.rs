@@ -1,8 +1,8 @@
-//! Targets that were lost, or that nobody has seen for a while, and whether a new one is one of them.
+//! Re-identification: whether a new target is one that was lost, or has been unseen for a while.
 //!
-//! Two things speak for it. Motion: the new lies where the lost one can have gone since. Arrangement: its distances to
-//! the targets around it are those that the lost one had, as far as these used to keep (lights on one limb do, those on two
-//! people do not). Where two lost targets fit alike, none is taken up again: a new identity is less harm than a wrong one.
+//! Two kinds of evidence are used. Motion: the new target is within reach of the lost one. Arrangement: its distances to
+//! its neighbours are those of the lost one, as far as these were constant (lights on one limb are, those on two
+//! people do not). Where two lost targets fit equally, none is used: a new identity is less harmful than a wrong one.
 
 use foveate::estimation::motion::Filter;
 use foveate::messages::{Interval, TargetId, Time};
@@ -13,34 +13,34 @@ use super::track::Track;
 
 /// Distances to this many others are kept.
 const N_NEIGHBOURS: usize = 6;
-/// Others further away are no part of the arrangement [m].
+/// Farther targets are not neighbours [m].
 const NEAR: f64 = 1.0;
 /// Time constant of the mean and the variance of a distance [s].
 const FORGET_S: f64 = 2.0;
-/// Distances are looked at this often.
+/// Interval between updates of distances.
 const PERIOD: Interval = Interval(100_000_000);
-/// A distance counts once it was looked at this often.
+/// Fewest updates of a distance before it is used.
 const ENOUGH_LOOKS: u32 = 5;
-/// What a distance may be off besides its own spread, standard deviation [m].
+/// Error of a distance besides its own spread, standard deviation [m].
 const DISTANCE_SIGMA: f64 = 0.02;
-/// Where any other target may be, standard deviation of a distance [m].
+/// Spread of a distance to an unrelated target, standard deviation [m].
 const ANY_DISTANCE: f64 = 0.5;
-/// No distance says more than this, for or against; in −2 ln of a likelihood.
-const LOUDEST: f64 = 6.0;
-/// So much evidence of the distances makes up for a motion that nobody saw.
+/// Largest evidence of one distance, for or against; in −2 ln of a likelihood.
+const MAX_LOG_LIKELIHOOD: f64 = 6.0;
+/// Evidence of the distances that compensates for an unobserved motion.
 const ARRANGED: f64 = -12.0;
-/// After this time unseen, the direction of motion says nothing any more [s].
+/// After this time unseen, the direction of motion is no longer used [s].
 const HEADING_LASTS_S: f64 = 0.3;
-/// The mean of a wander covers this many looks.
+/// The mean deviation from constant velocity covers this many updates.
 const WANDER_LOOKS: u32 = 20;
-/// How well the place of a target is known at best when it is seen last [m].
+/// Smallest uncertainty of a target's position at its last observation [m].
 const KNOWN_TO: f64 = 0.01;
-/// So many looks lie within the time that a heading lasts, one more.
+/// Updates within the time of constant heading, plus one.
 const LOOKS_BACK: usize = 4;
-/// How far any target goes astray meanwhile, before it was watched, each axis, standard deviation [m], and what that counts [looks].
+/// Prior deviation from constant velocity in that time, each axis, standard deviation [m], and its weight [updates].
 const ANY_WANDER: f64 = 0.15;
 const ANY_LOOKS: f64 = 3.0;
-/// Two lost targets fit alike when their misfits differ by less.
+/// Two lost targets are ambiguous when their costs differ by less.
 const ALIKE: f64 = 2.0;
 
 /// The distance to another target.
@@ -51,20 +51,20 @@ pub(super) struct Neighbour {
     mean: f64,
     /// [m²]
     variance: f64,
-    /// When looked at last [m].
+    /// At its last update [m].
     last: f64,
     /// Mean square of its change [m²/s²].
     change: f64,
     looks: u32,
 }
 
-/// When, where [m] and how fast [m/s] a target was.
+/// Time, position [m] and velocity [m/s] of a target.
 type Look = (Time, Point3<f64>, Vector3<f64>);
 
-/// How far a target goes astray from where it was headed, as far as it was watched: what its motion model makes of long gaps is a guess.
+/// Observed deviation of a target from constant velocity: a motion model is unreliable for long gaps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Wander {
-    /// Where it was, and its velocity, at the last looks; the newest last.
+    /// Its state at the last updates; the newest last.
     past: SmallVec<[Look; LOOKS_BACK]>,
     /// Mean square of one axis after [`HEADING_LASTS_S`] [m²].
     squared: f64,
@@ -74,7 +74,7 @@ pub(super) struct Wander {
 /// The targets around one.
 pub(super) type Neighbours = SmallVec<[Neighbour; N_NEIGHBOURS]>;
 
-/// A target that may come back.
+/// A lost target that may be found again.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lost {
     pub id: TargetId,
@@ -86,18 +86,18 @@ pub(super) struct Lost {
     wander: Wander,
 }
 
-/// How far a lost target can have gone.
+/// Reach of a lost target.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reach {
-    /// For how long it is remembered.
+    /// How long it is remembered.
     pub remember: Interval,
-    /// Largest misfit in standard deviations.
+    /// Largest distance in standard deviations.
     pub sigma: f64,
-    /// Of a target that changes its direction, each axis, standard deviation [m/s].
+    /// Speed of a target that changes its direction, each axis, standard deviation [m/s].
     pub speed: f64,
 }
 
-/// All that may come back.
+/// All targets that may be found again.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     lost: Vec<Lost>,
@@ -105,7 +105,7 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Takes note of the distances between `tracks`, now and then.
+    /// Updates the distances between `tracks`, at intervals.
     pub fn look(&mut self, tracks: &mut [Track], now: Time) {
         let elapsed = self.looked_at.map(|before| now - before);
         if elapsed.is_some_and(|it| it < PERIOD) {
@@ -155,17 +155,17 @@ impl Memory {
         self.lost.push(Lost::of(track, now));
     }
 
-    /// Remembers `lost` again: what was taken for it was none.
+    /// Remembers `lost` again: the target that got its identity was false.
     pub fn put_back(&mut self, lost: Lost) {
         self.lost.push(lost);
     }
 
-    /// Forgets those unseen for too long.
+    /// Forgets targets unseen for too long.
     pub fn forget(&mut self, now: Time, reach: &Reach) {
         self.lost.retain(|it| now - it.seen_at <= reach.remember);
     }
 
-    /// The lost or unseen target that one initiated at `place` [m] with the variance `variance` of each coordinate [m²] is, if there is one
+    /// The lost or unseen target that matches one initiated at `place` [m] with the variance `variance` of each coordinate [m²], if there is one
     /// and only one.
     pub fn recall(&mut self, newborn: &Newborn<'_>, reach: &Reach) -> Option<Recalled> {
         let lost = self.lost.iter().enumerate();
@@ -200,12 +200,12 @@ pub(super) struct Newborn<'a> {
     pub tracks: &'a [Track],
 }
 
-/// Who a new target is.
+/// Identity of a new target.
 #[derive(Debug)]
 pub(super) enum Recalled {
-    /// It lives, unseen.
+    /// A live target without recent observations.
     Live(TargetId),
-    /// It was given up.
+    /// A terminated target.
     Lost(Box<Lost>),
 }
 
@@ -225,7 +225,7 @@ impl Wander {
         self.past.push((now, place, velocity));
     }
 
-    /// Of each coordinate after `unseen_s` [m²].
+    /// Variance of each coordinate after `unseen_s` [m²].
     fn variance(&self, unseen_s: f64) -> f64 {
         let looks = f64::from(self.looks.min(WANDER_LOOKS));
         let after = (self.squared * looks + ANY_WANDER * ANY_WANDER * ANY_LOOKS) / (looks + ANY_LOOKS);
@@ -246,8 +246,8 @@ impl Neighbour {
         self.last = distance;
     }
 
-    /// What a distance of `distance`, known with `variance`, says for or against after `unseen_s`: −2 ln of its likelihood, less that of
-    /// any other target's. It keeps to its mean, or it has gone on changing; whichever fits.
+    /// Evidence of a distance of `distance`, known with `variance`, after `unseen_s`: −2 ln of its likelihood, less that of
+    /// an unrelated target. The better of two models is used: a constant distance, or one that keeps changing.
     fn evidence(&self, distance: f64, variance: f64, unseen_s: f64) -> f64 {
         let own = DISTANCE_SIGMA * DISTANCE_SIGMA + variance;
         let about = |centre: f64, variance: f64| {
@@ -256,7 +256,7 @@ impl Neighbour {
         };
         let kept = about(self.mean, self.variance);
         let changed = about(self.last, self.change * unseen_s * unseen_s);
-        kept.min(changed).clamp(-LOUDEST, LOUDEST)
+        kept.min(changed).clamp(-MAX_LOG_LIKELIHOOD, MAX_LOG_LIKELIHOOD)
     }
 }
 
@@ -273,7 +273,7 @@ impl Lost {
         }
     }
 
-    /// Squared misfit of `new`; `None` where it cannot be this one.
+    /// Squared normalised distance of `new`; `None` where it cannot be this one.
     fn misfit(&self, newborn: &Newborn<'_>, reach: &Reach) -> Option<f64> {
         let &Newborn { place, variance, now, tracks } = newborn;
         let unseen_s = (now - self.seen_at).as_s();
@@ -301,7 +301,7 @@ impl Lost {
     }
 }
 
-/// From the nearest point of the way between `from` and `to` to `place` [m].
+/// From the nearest point of the segment between `from` and `to` to `place` [m].
 fn off_way(from: &Point3<f64>, to: &Point3<f64>, place: &Point3<f64>) -> Vector3<f64> {
     let way = to - from;
     let part = (place - from).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE);

@@ -1,18 +1,18 @@
 //! From the features of many cameras, each in its own time, to targets that keep their identity.
 //!
-//! One frame of one camera at a time [Davis 2002 §3.4]: all filters are carried to its time, each target is projected into
-//! that camera and takes the feature that is its own, and each filter takes in that one pixel alone. Nothing waits for a
-//! set of cameras to be complete. What no target explains may initiate one; who is not seen any more dies [§3.6], and
+//! One frame of one camera at a time [Davis 2002 §3.4]: all filters are predicted to its time, each target is projected into
+//! that camera and is associated with its feature, and each filter is updated with that pixel alone. Nothing waits for a
+//! set of cameras to be complete. Unassociated features may initiate a target; a target that is not seen any more is terminated [§3.6], and
 //! is remembered for a while.
 //!
 //! | step | file |
 //! |---|---|
-//! | when a frame counts, and as of when [§3.5] | here, and `history` |
-//! | pairs of targets and features | `association`, and `hypotheses` where one frame cannot tell |
+//! | validity and time of frames [§3.5] | here, and `history` |
+//! | pairs of targets and features | `association`, and `hypotheses` for ambiguous frames |
 //! | spots that are two targets | `unresolved` |
-//! | initiations | `initiation`, and [`consensus`](crate::consensus); `partners`: who can confirm whom |
-//! | deaths | `track`, and here |
-//! | identities taken up again | `memory` |
+//! | initiations | `initiation`, and [`consensus`](crate::consensus); `partners`: cameras with a common view |
+//! | terminations | `track`, and here |
+//! | re-identification | `memory` |
 
 mod association;
 mod history;
@@ -38,25 +38,25 @@ use initiation::{Conditions, TrackInitiation};
 use memory::{Memory, Newborn, Reach, Recalled};
 pub use settings::{AssociationMethod, Clocks, IntegratorSettings, LateRule, MotionModel};
 pub use tally::{CameraTally, Tally};
-use track::{Death, Track};
+use track::{Termination, Track};
 
 use crate::consensus::ConsensusOptions;
 
-/// A new target must be seen by this part of `initiation_share` of the frames that show its place: less than at its initiation,
+/// A new target must be seen by this part of `initiation_share` of the frames with its place in view: less than at its initiation,
 /// when all cameras' newest frames were looked at and not each one.
 const CONFIRMATION_SHARE: f64 = 0.5;
 
-/// What the innovations of a target said is forgotten with this time constant [s].
+/// Time constant of the estimated model noise of a target [s].
 const ADAPT_WITHIN_S: f64 = 0.25;
-/// The noise of a motion model is multiplied with no less and no more. Not far down: where features are better than they are said to be,
-/// small innovations look like a calm target, and the filter would be too stiff for its next turn.
+/// Bounds of the factor on the noise of a motion model. Not much below 1: where features are better than stated,
+/// small innovations look like a calm target, and the filter would lag in its next turn.
 const LEAST_NOISE: f64 = 0.4;
 const MOST_NOISE: f64 = 64.0;
 
-/// What the newest frame counts in the mean number of false features of a camera's frames.
+/// Weight of the newest frame in the mean number of false features of a camera's frames.
 const CLUTTER_WEIGHT: f64 = 0.02;
 
-/// What became of a frame.
+/// What happened to a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entry {
     /// It was applied; the targets are of its time, or of the filter's where that is a little later.
@@ -69,33 +69,33 @@ pub enum Entry {
     UnknownCamera,
 }
 
-/// All live targets, and what is needed to carry them on.
+/// All live targets, and the state of tracking.
 #[derive(Debug)]
 pub struct Tracker {
     settings: IntegratorSettings,
     model: Model,
     cameras: Vec<Camera>,
-    /// Opposite corners, the lower one first.
+    /// Opposite corners of the working volume, the lower one first.
     volume: Option<[Point3<f64>; 2]>,
     /// Ascending by identity.
     tracks: Vec<Track>,
     next_id: u32,
-    /// The time that all filters are of.
+    /// The time of all filters.
     time: Option<Time>,
     /// By camera: the stamp of its newest frame.
     newest: Vec<Option<Time>>,
-    /// By camera: features a frame that belong to no target, on average.
+    /// By camera: mean number of features per frame without a target.
     clutter: Vec<f64>,
     association: Association,
     hypotheses: Hypotheses,
     initiation: TrackInitiation,
     memory: Memory,
     clocks: ClockEstimator,
-    /// Number of a target, and its filter as of a late frame.
+    /// Index of a target, and its filter as of a late frame.
     past: Vec<(usize, Filter)>,
     /// Targets by their place along one axis.
     along: Vec<(f64, usize)>,
-    /// Targets at one place: the younger's number, then the older's.
+    /// Targets at one place: the index of the younger one, then of the older one.
     twins: Vec<(usize, usize)>,
     tally: Tally,
 }
@@ -178,7 +178,7 @@ impl Tracker {
         Entry::Applied
     }
 
-    /// Whether a frame that `camera` took at `time`, at `stamp` by its own clock, counts.
+    /// Whether a frame that `camera` took at `time`, at `stamp` by its own clock, is used.
     fn admit(&self, camera: usize, stamp: Time, time: Time) -> Entry {
         let late = self.time.map_or(Interval(0), |now| now - time);
         let newest = self.newest[camera];
@@ -197,7 +197,7 @@ impl Tracker {
         }
     }
 
-    /// The time that the targets are of; `None` before the first frame.
+    /// The time of the targets; `None` before the first frame.
     pub fn time(&self) -> Option<Time> {
         self.time
     }
@@ -207,7 +207,7 @@ impl Tracker {
         self.newest.get(usize::from(camera.0)).copied().flatten()
     }
 
-    /// How many targets live, without those that are tentative.
+    /// Number of live targets, without tentative ones.
     pub fn n_targets(&self) -> usize {
         self.shown().count()
     }
@@ -216,12 +216,12 @@ impl Tracker {
         self.tracks.iter().filter(|it| !it.is_tentative)
     }
 
-    /// What was seen and done so far.
+    /// Counts so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
-    /// How far the clock of `camera` is ahead of the mean of all, at `stamp` by that clock; `None` where there is no such camera, or
+    /// Offset of the clock of `camera` ahead of the mean of all, at `stamp` by that clock; `None` where there is no such camera, or
     /// clocks are trusted.
     pub fn clock(&self, camera: CameraId, stamp: Time) -> Option<ClockEstimate> {
         let estimates = self.settings.clocks != Clocks::Trust;
@@ -244,7 +244,7 @@ impl Tracker {
         }
     }
 
-    /// Carries all filters to `now` and drops who is lost by then.
+    /// Predicts all filters to `now` and terminates lost targets.
     fn advance(&mut self, now: Time) {
         let dt_s = self.time.map_or(0.0, |before| (now - before).as_s());
         self.time = Some(now);
@@ -257,16 +257,20 @@ impl Tracker {
         self.tracks.retain_mut(|track| {
             track.filter.predict_scaled(dt_s, track.noise_scale());
             let refuted = track.refuted(now, share);
-            let death = track.lost(now, unseen, single_view).or(refuted.then_some(Death::Unconfirmed)).or_else(|| {
-                let position = track.filter.position();
-                let finite = position.coords.sum().is_finite();
-                (!finite || !within(volume, margin, &position)).then_some(Death::Outside)
-            });
-            let Some(death) = death else { return true };
-            tally.count(death);
+            let reason =
+                track.lost(now, unseen, single_view).or(refuted.then_some(Termination::Unconfirmed)).or_else(|| {
+                    let position = track.filter.position();
+                    let finite = position.coords.sum().is_finite();
+                    (!finite || !within(volume, margin, &position)).then_some(Termination::Outside)
+                });
+            let Some(reason) = reason else { return true };
+            tally.count(reason);
             if let Some(lost) = track.regained.take() {
                 memory.put_back(*lost); // it died before it had proved to be the one
-            } else if remembers && track.is_established() && matches!(death, Death::Unseen | Death::SingleView) {
+            } else if remembers
+                && track.is_established()
+                && matches!(reason, Termination::Unseen | Termination::SingleView)
+            {
                 memory.keep(track, now);
             }
             false
@@ -297,7 +301,7 @@ impl Tracker {
         }
     }
 
-    /// Gives each target its feature of this frame.
+    /// Associates the features of this frame with targets.
     fn associate(&mut self, stamp: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let model = &self.cameras[usize::from(camera.0)];
@@ -346,7 +350,7 @@ impl Tracker {
         self.count_features(camera);
     }
 
-    /// Gives each target its feature of a frame from before `now`, as the targets were known at its own `time`.
+    /// Associates the features of a frame from before `now`, with the targets as known at its own `time`.
     fn associate_late(&mut self, stamp: Time, time: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let gate = self.gate(camera, stamp, time);
@@ -391,7 +395,7 @@ impl Tracker {
         self.tally.unusable = self.association.unusable;
     }
 
-    /// Lets each target know whether the frame that shows its place saw it.
+    /// Updates each target in view with whether this frame saw it.
     fn judge(&mut self) {
         for (index, track) in self.tracks.iter_mut().enumerate() {
             if self.association.in_view(index) && !self.association.is_unresolved(index) {
@@ -400,7 +404,7 @@ impl Tracker {
         }
     }
 
-    /// Takes back the younger of two targets that have been at one place for too long without being seen apart.
+    /// Terminates the younger of two targets that have been at one place for too long without being seen apart.
     fn merge(&mut self, now: Time) {
         let near = self.settings.separation_mm * 1e-3;
         let patience = Interval::from_ms(self.settings.merge_after_ms);
@@ -442,14 +446,14 @@ impl Tracker {
             let tally = &mut self.tally;
             self.tracks.retain(|track| {
                 if track.is_twin {
-                    tally.count(Death::Duplicate);
+                    tally.count(Termination::Duplicate);
                 }
                 !track.is_twin
             });
         }
     }
 
-    /// Keeps what no target explains, and begins targets where that meets what other cameras left.
+    /// Stores unassociated features, and initiates targets where they meet those of other cameras.
     fn initiate_from(&mut self, time: Time, now: Time, features: &Features) {
         let camera = features.camera;
         let model = &self.cameras[usize::from(camera.0)];
@@ -466,7 +470,7 @@ impl Tracker {
         }
     }
 
-    /// Begins targets where lines that `camera` left meet others; of fast lights where they are `moving`.
+    /// Initiates targets where unassociated lines of `camera` meet others; for fast lights where they are `moving`.
     fn initiate(&mut self, camera: CameraId, time: Time, now: Time, moving: bool) {
         if self.initiation.n_unmatched(camera) == 0 {
             return;
@@ -549,7 +553,7 @@ impl Tracker {
     }
 }
 
-/// What `pair`, predicted to `time`, says about the clock that gave `stamp`.
+/// The observation of the clock that gave `stamp` by `pair`, predicted to `time`.
 fn clock_observation(stamp: Time, time: Time, pair: &Pair, filter: &Filter, noise: &Matrix2<f64>) -> ClockObservation {
     ClockObservation {
         stamp_s: stamp.as_s(),

@@ -1,4 +1,4 @@
-//! Which cameras look at the same places: only these can confirm what one of them sees.
+//! Cameras with a common view: only these can confirm each other's features.
 //!
 //! Without this the search for an initiation would grow with the square of the number of cameras.
 
@@ -13,12 +13,12 @@ const DEPTHS: [f64; 8] = [0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4];
 /// Lines of sight a row and a column.
 const GRID: usize = 4;
 
-/// Who is whose partner; worked out when it is first asked for.
+/// Partners of each camera, computed when first needed.
 #[derive(Debug)]
 pub(super) struct Partners {
     /// Mean distance of the cameras from their middle [m].
     scale: f64,
-    /// Ascending; empty as long as nobody asked.
+    /// Ascending; empty until needed.
     of: Vec<Vec<usize>>,
     all: Vec<usize>,
 }
@@ -36,7 +36,7 @@ impl Partners {
         if self.all.len() <= MOST_PARTNERS { &self.all } else { &self.of[usize::from(camera.0)] }
     }
 
-    /// Works out the partners of `camera`.
+    /// Computes the partners of `camera`.
     pub fn look_up(&mut self, camera: CameraId, cameras: &[Camera]) {
         let own = usize::from(camera.0);
         if self.all.len() <= MOST_PARTNERS || !self.of[own].is_empty() {

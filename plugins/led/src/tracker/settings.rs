@@ -5,22 +5,22 @@ use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// For how long the acceleration, or the jerk, of a target is taken to keep its value [s].
+/// Correlation time of a target's acceleration, or jerk [s].
 const CHANGE_LASTS_S: f64 = 0.1;
-/// How long a target stays calm, or agile, on average [s].
+/// Mean time that a target stays calm, or agile [s].
 const CALM_LASTS_S: f64 = 1.0;
 const AGILE_LASTS_S: f64 = 0.3;
 
-/// How a target is expected to move.
+/// Motion model of targets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionModel {
-    /// Nearly constant velocity; `acceleration_m_s2` is how far from it [Davis 2002 §3.4, Figures 42 to 44].
+    /// Nearly constant velocity; `acceleration_m_s2` is the deviation from it [Davis 2002 §3.4, Figures 42 to 44].
     #[default]
     ConstantVelocity,
-    /// Nearly constant acceleration; `jerk_m_s3` is how far from it.
+    /// Nearly constant acceleration; `jerk_m_s3` is the deviation from it.
     ConstantAcceleration,
-    /// Now calm, with `calm_m_s2`, now agile, with `acceleration_m_s2`: which, is estimated for each target.
+    /// Switches between calm, with `calm_m_s2`, and agile, with `acceleration_m_s2`, estimated for each target.
     Interacting,
 }
 
@@ -32,35 +32,35 @@ pub enum LateRule {
     /// It is discarded. With clocks that disagree this starves cameras [Davis 2002, Figure 35].
     Discard,
     /// It is applied as though it were of the filter's time, up to `late_tolerance_ms`: the rule of [Davis 2002 §3.5].
-    #[default]
     Apply,
-    /// The filters are taken back to its time and on again, up to `history_ms`.
+    /// The filters are rolled back to its time and updated again, up to `history_ms`.
+    #[default]
     OutOfSequence,
 }
 
-/// What is made of the clocks of the cameras.
+/// Use of the cameras' clocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Clocks {
-    /// Stamps are taken as they are.
+    /// Stamps are used as they are.
     #[default]
     Trust,
-    /// Offset and drift of each clock are estimated from what moves, and shown at the end.
+    /// Offset and drift of each clock are estimated from moving targets, and reported at the end.
     Estimate,
-    /// And stamps are corrected by them.
+    /// The estimates also correct the stamps.
     Correct,
 }
 
-/// How features are given to targets.
+/// Association of features with targets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AssociationMethod {
     /// The best pair first, then the best of the rest [Davis 2002 §3.4].
     Nearest,
-    /// The pairs whose costs have the least sum.
+    /// The pairs with the smallest sum of costs.
     #[default]
     Global,
-    /// As `global`, and where one frame cannot tell, several answers are kept until later frames can. A spot that is two lights is then the spot of one of them.
+    /// As `global`, and in ambiguous frames several hypotheses are kept until later frames resolve them. A spot of two lights is then associated with one of them.
     Hypotheses,
 }
 
@@ -71,29 +71,29 @@ pub enum AssociationMethod {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IntegratorSettings {
-    /// How a target is expected to move: `constant_velocity`; `constant_acceleration` (`jerk_m_s3` counts; twice the time); `interacting`: now
-    /// calm, now agile, which is found for each target (five times the time; best for lights that cross and turn) [–].
+    /// Motion model of targets: `constant_velocity`; `constant_acceleration` (uses `jerk_m_s3`; twice the time); `interacting`: switches
+    /// between calm and agile for each target (five times the time; best for lights that cross and turn) [–].
     pub motion: MotionModel,
-    /// Acceleration to be expected of a target, standard deviation, taken to be independent from one tenth of a second to
+    /// Acceleration of a target, standard deviation, assumed to be independent from one tenth of a second to
     /// the next: the filter's white noise has the spectral density a² · 0.1 s. A walking person's wrist reaches 20 [m/s²].
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub acceleration_m_s2: f64,
-    /// With `motion = "constant_acceleration"`: change of the acceleration to be expected, standard deviation, likewise [m/s³].
+    /// With `motion = "constant_acceleration"`: change of the acceleration, standard deviation, likewise [m/s³].
     #[schemars(range(min = 0.001, max = 1000000.0))]
     pub jerk_m_s3: f64,
-    /// With `motion = "interacting"`: acceleration to be expected while the target is calm, standard deviation, likewise [m/s²].
+    /// With `motion = "interacting"`: acceleration while the target is calm, standard deviation, likewise [m/s²].
     #[schemars(range(min = 0.0001, max = 10000.0))]
     pub calm_m_s2: f64,
-    /// Whether each target's noise follows its innovations: up where it turns faster than the settings say, to 64 times, and a little
-    /// down where it is calmer, to 0.4 times [–].
+    /// Whether each target's process noise adapts to its innovations: up to 64 times for fast turns, and down
+    /// to 0.4 times for calm targets [–].
     pub adapt_noise: bool,
     /// Error of a camera's model, one axis, standard deviation, added to each feature's own covariance [px].
     #[schemars(range(min = 0.001, max = 100.0))]
     pub camera_error_px: f64,
-    /// A feature belongs to a target only within this many standard deviations of where the filter expects it [–].
+    /// Gate: largest distance between a feature and a target's prediction in standard deviations [–].
     #[schemars(range(min = 1.0, max = 100.0))]
     pub gate_sigma: f64,
-    /// And never further from there than this, however uncertain the filter is [px].
+    /// Largest such distance in pixels, for uncertain filters [px].
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub gate_px: f64,
     /// Lines of sight this close to a point meet there. Covers the motion between unsynchronised frames as well, and so limits
@@ -106,22 +106,22 @@ pub struct IntegratorSettings {
     #[schemars(range(min = 2, max = 1000))]
     #[schemars(extend("x-formerly" = "birth_cameras"))]
     pub initiation_cameras: u32,
-    /// And this part of the cameras whose field of view contains the point and that sent a frame within `stale_after_ms`.
-    /// Keeps accidents out where many cameras look on; hidden and fast lights need a low value [–].
+    /// Smallest part of the cameras that must agree, among those with the point in view and a frame within `stale_after_ms`.
+    /// Avoids accidental targets where many cameras have the point in view; occluded and fast lights need a low value [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     #[schemars(extend("x-formerly" = "birth_share"))]
     pub initiation_share: f64,
-    /// A target is given out at its initiation when this part of those cameras agrees; otherwise once three more frames have seen it,
-    /// and `initiation_share` of all that show its place. 0: always at once, as in the paper [–].
+    /// A target is sent from its initiation on when this part of those cameras agrees; otherwise once three more frames have seen it,
+    /// and `initiation_share` of all frames with its place in view. 0: always at once, as in the paper [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     #[schemars(extend("x-formerly" = "birth_sure_share"))]
     pub initiation_sure_share: f64,
-    /// Two lines of sight fix a point only at this angle or more: below, the depth is a guess, and cameras side by side
-    /// are no confirmation of one another [deg].
+    /// Smallest angle between two lines of sight that determine a point: below, the depth is uncertain, and adjacent cameras
+    /// do not confirm each other [deg].
     #[schemars(range(min = 0.01, max = 90.0))]
     #[schemars(extend("x-formerly" = "birth_angle_deg"))]
     pub initiation_angle_deg: f64,
-    /// Speed to be expected at initiation, each axis, standard deviation [m/s].
+    /// Speed at initiation, each axis, standard deviation [m/s].
     #[schemars(range(min = 0.001, max = 10000.0))]
     #[schemars(extend("x-formerly" = "birth_speed_m_s"))]
     pub initiation_speed_m_s: f64,
@@ -129,56 +129,56 @@ pub struct IntegratorSettings {
     #[schemars(range(min = 1, max = 1000))]
     #[schemars(extend("x-formerly" = "birth_features_max"))]
     pub initiation_features_max: u32,
-    /// For this long after its initiation it is counted how many of the frames that show its place see a target; it is taken back
-    /// when they are less than half of `initiation_share` [ms].
+    /// Confirmation time after initiation, in which the frames that see the target are counted; it is terminated
+    /// when they are less than half of `initiation_share` of those with its place in view [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     #[schemars(extend("x-formerly" = "probation_ms"))]
     pub tentative_ms: f64,
-    /// Unmatched features older than this do not take part in an initiation [ms].
+    /// Unmatched features older than this are not used for initiation [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub stale_after_ms: f64,
-    /// No target is initiated this close to another, and of two that stay this close without any camera seeing them apart, the
-    /// younger one goes: they follow one light [mm].
+    /// No target is initiated this close to another, and of two targets that stay this close without being resolved by any camera, the
+    /// younger one is terminated: they track one light [mm].
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub separation_mm: f64,
-    /// For how long two targets must be that close before the younger one goes [ms].
+    /// Time for which two targets must be that close before the younger one is terminated [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub merge_after_ms: f64,
-    /// A target that no camera has seen for this long is lost [ms].
+    /// A target is terminated when no camera has seen it for this long [ms].
     #[schemars(range(min = 1.0, max = 100000.0))]
     pub lost_after_ms: f64,
-    /// A target that one camera only has seen for this long is lost: its depth drifts [ms].
+    /// A target is terminated when only one camera has seen it for this long: its depth drifts [ms].
     #[schemars(range(min = 1.0, max = 100000.0))]
     pub single_view_after_ms: f64,
-    /// How features are given to targets: `nearest`, the best pair first, as in the paper; `global`, the pairs that fit best together;
-    /// `hypotheses`, and where one frame cannot tell, several answers are kept until later ones can [–].
+    /// Association of features with targets: `nearest`, the best pair first, as in the paper; `global`, the smallest sum of costs;
+    /// `hypotheses`, also keeps several hypotheses in ambiguous frames until later ones resolve them [–].
     pub association: AssociationMethod,
-    /// How far an unmatched feature may be from where the one of that camera's frame before was expected, to be the same one: its motion
-    /// lets fast targets be initiated. 0: only slow ones are, as in the paper [px].
+    /// Largest distance of an unmatched feature from the prediction of one in that camera's frame before, to be the same one: its motion
+    /// allows the initiation of fast targets. 0: only slow ones, as in the paper [px].
     #[schemars(range(min = 0.0, max = 1000.0))]
     #[schemars(extend("x-formerly" = "birth_motion_px"))]
     pub initiation_motion_px: f64,
-    /// For how long a lost target is remembered: one that is initiated where it can have gone, with the same distances to the others
-    /// around, takes its identity up again. 0: never, as in the paper [ms].
+    /// How long a lost target is remembered: one that is initiated within its reach, with the same distances to the others
+    /// around it, gets its identity again. 0: never, as in the paper [ms].
     #[schemars(range(min = 0.0, max = 600000.0))]
     pub remember_ms: f64,
-    /// What happens to a frame captured before the filter's time: `discard`; `apply`, as though of the filter's time, up to
-    /// `late_tolerance_ms`, as in the paper; `out_of_sequence`, the filters are taken back to its time and on again, up to `history_ms` [–].
+    /// What happens to a frame captured before the filter's time: `out_of_sequence`, the filters are rolled back to its time and updated
+    /// again, up to `history_ms`; `apply`, used as if it were of the filter's time, up to `late_tolerance_ms`, as in the paper; `discard` [–].
     pub late: LateRule,
-    /// What is made of the clocks of the cameras: `trust`; `estimate`, offset and drift are found from what moves, against the mean of all
-    /// cameras, and shown at the end (right for small offsets only); `correct`, and stamps are put right: best with `late = "out_of_sequence"` [–].
+    /// Use of the cameras' clocks: `trust`; `estimate`, offset and drift relative to the mean of all cameras are estimated from moving
+    /// targets and reported at the end (valid for small offsets only); `correct`, stamps are also corrected [–].
     pub clocks: Clocks,
-    /// How far clocks are expected to be off, standard deviation, as far as they are estimated [ms].
+    /// Expected offsets of clocks, standard deviation, where they are estimated [ms].
     #[schemars(range(min = 0.01, max = 10000.0))]
     pub clock_spread_ms: f64,
     /// With `late = "apply"`: frames later than this are discarded and counted; five times `clock_spread_ms` where clocks are estimated and
     /// that is more [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub late_tolerance_ms: f64,
-    /// With `late = "out_of_sequence"`: how far back; frames later than this are discarded and counted; likewise [ms].
+    /// With `late = "out_of_sequence"`: longest delay; later frames are discarded and counted; likewise [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub history_ms: f64,
-    /// Targets are initiated within this distance of the scale's working volume, where the rig states one, and lost beyond twice
+    /// Targets are initiated within this distance of the scale's working volume, where the rig states one, and terminated beyond twice
     /// this distance [mm].
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub volume_margin_mm: f64,
@@ -214,7 +214,7 @@ impl Default for IntegratorSettings {
             remember_ms: 1000.0,
             clocks: Clocks::Trust,
             clock_spread_ms: 20.0,
-            late: LateRule::Apply,
+            late: LateRule::OutOfSequence,
             late_tolerance_ms: 10.0,
             history_ms: 100.0,
             volume_margin_mm: 250.0,
@@ -223,12 +223,12 @@ impl Default for IntegratorSettings {
 }
 
 impl IntegratorSettings {
-    /// How far back late frames are put in their place [ms].
+    /// Longest delay of out-of-sequence frames [ms].
     pub(super) fn history_ms(&self) -> f64 {
         self.history_ms.max(self.clocks_off_ms())
     }
 
-    /// How late frames may be by their clocks alone: one that is behind can only be found by frames that are let in [ms].
+    /// Delay of frames that clock errors alone can cause: a slow clock can only be found from accepted frames [ms].
     pub(crate) fn clocks_off_ms(&self) -> f64 {
         if self.clocks == Clocks::Trust { 0.0 } else { 5.0 * self.clock_spread_ms }
     }
@@ -253,10 +253,10 @@ impl IntegratorSettings {
         }
     }
 
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let check = ConfigError::unless_in::<f64>;
         check("acceleration_m_s2", self.acceleration_m_s2, 0.001..=1e4)?;

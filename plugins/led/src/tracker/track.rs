@@ -1,4 +1,4 @@
-//! One target as the tracker keeps it: filter, identity, and who saw it when.
+//! One target in the tracker: filter, identity, and observations by cameras.
 
 use foveate::estimation::motion::{AdaptiveNoise, Filter};
 use foveate::messages::{CameraId, CameraSet, Interval, Provenance, Target, TargetId, Time};
@@ -12,44 +12,44 @@ use super::memory::{Lost, Neighbours, Wander};
 pub(super) struct Track {
     pub id: TargetId,
     pub filter: Filter,
-    /// What its innovations say about the noise of its model; `None` where that is as set.
+    /// Adaptation of its model's noise; `None` where that is fixed.
     pub noise: Option<AdaptiveNoise>,
-    /// When any camera saw it last.
+    /// Time of its last observation by any camera.
     pub seen_at: Time,
-    /// Which camera that was.
+    /// The camera of that observation.
     last_camera: CameraId,
-    /// When a camera other than the last one saw it last.
+    /// Time of its last observation by another camera.
     other_at: Time,
     /// The cameras that saw it at `seen_at`.
     pub cameras: CameraSet,
-    /// An older target that has been as close as one light is to itself, and since when.
+    /// An older target at the same place, and since when.
     pub beside: Option<(TargetId, Time)>,
-    /// It has been there for too long: it follows the light of the older one.
+    /// It has been at the same place for too long: it tracks the light of the older one.
     pub is_twin: bool,
-    /// While it is on confirmation.
+    /// While it is being confirmed.
     confirmation: Option<Confirmation>,
-    /// Not shown yet: few of the cameras that look on agreed at its initiation.
+    /// Not sent yet: few of the cameras with its place in view agreed at its initiation.
     pub is_tentative: bool,
-    /// Frames that showed its place without it, since the last one that saw it.
+    /// Consecutive frames with its place in view that did not see it.
     misses: u32,
-    /// Part of the frames that show its place that see it: usually, and of late [–].
+    /// Part of the frames with its place in view that see it: usual and recent [–].
     share: f64,
     share_of_late: f64,
-    /// What the filter took in lately; empty unless late observations are put in their place.
+    /// Recent updates of the filter; empty without out-of-sequence updates.
     pub history: History,
-    /// How far the others around it are.
+    /// Distances to its neighbours.
     pub neighbours: Neighbours,
-    /// How far it goes astray from where it is headed.
+    /// Its deviation from constant velocity.
     pub wander: Wander,
-    /// The lost target that it was taken for, until its confirmation is over.
+    /// The lost target whose identity it got, until its confirmation is over.
     pub regained: Option<Box<Lost>>,
 }
 
-/// What the cameras make of a new target.
+/// Confirmation of a new target by the cameras.
 #[derive(Debug, Clone, Copy)]
 struct Confirmation {
     ends: Time,
-    /// Frames in whose field of view it lay.
+    /// Frames with its place in view.
     looks: u32,
     /// Those among them that saw it.
     hits: u32,
@@ -62,47 +62,47 @@ impl Confirmation {
     }
 }
 
-/// Observations after which a target that is tentative may be shown.
+/// Observations after which a tentative target may be sent.
 const HITS_TO_SHOW: u32 = 3;
 
 /// A target that was seen in the newest frame takes a feature if its gate holds fewer false ones than this, on average.
 const MOST_CLUTTER: f64 = 0.3;
 
-/// And one that is missed, if it holds fewer than this.
+/// Limit for a target that was missed for long.
 const LEAST_CLUTTER: f64 = 0.0005;
 
-/// A target that no camera has seen for this long may be elsewhere.
+/// A target unseen for this long may be elsewhere.
 const UNSEEN: Interval = Interval(50_000_000);
 
-/// What the newest frame counts in the part of the frames that see a target, usually and of late.
+/// Weight of the newest frame in the usual and the recent detection rate.
 const USUAL_WEIGHT: f64 = 0.02;
 const LATE_WEIGHT: f64 = 0.15;
-/// No light is taken to be seen by more of the frames than this.
+/// Largest assumed detection rate.
 const MOST_SHARE: f64 = 0.95;
-/// A target that of late was seen by less than this part of the frames that usually see it is astray, as far as it is not hidden.
+/// A target whose recent detection rate is below this part of its usual rate is off its predicted place, unless it is occluded.
 const ASTRAY: f64 = 0.6;
-/// So many frames in a row that miss it are as unlikely as 1 in 100: −ln of the probability.
+/// Number of consecutive misses whose probability is 1 in 100: −ln of the probability.
 const SURPRISING: f64 = 4.6;
-/// The noise of a motion model is multiplied with no more than this because of frames that miss a target.
+/// Largest factor on the noise of a motion model due to misses.
 const MOST_FOR_MISSES: f64 = 100.0;
 
-/// Why a target is gone.
+/// Why a target was terminated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Death {
+pub(super) enum Termination {
     /// No camera saw it for too long.
     Unseen,
-    /// One camera only saw it for too long.
+    /// Only one camera saw it for too long.
     SingleView,
-    /// It has left the working volume, or its filter has left the numbers.
+    /// It has left the working volume, or its filter has diverged.
     Outside,
-    /// Too few of the cameras that should have seen it did so after its initiation: lines had met by accident.
+    /// Too few of the cameras with its place in view saw it after its initiation: lines had met by accident.
     Unconfirmed,
-    /// It followed the light of an older target.
+    /// It tracked the light of an older target.
     Duplicate,
 }
 
 impl Track {
-    /// A target first seen at `time`, by several cameras, that has to prove itself for as long as `confirmation`.
+    /// A target first seen at `time`, by several cameras, which is confirmed over `confirmation`.
     pub fn new(id: TargetId, filter: Filter, time: Time, camera: CameraId, confirmation: Interval) -> Self {
         let confirmation = Some(Confirmation { ends: time + confirmation, looks: 0, hits: 0 });
         let cameras = std::iter::once(camera).collect();
@@ -128,8 +128,8 @@ impl Track {
         }
     }
 
-    /// What the noise of its motion model is to be multiplied with. A light that turns harder than its filter expects leaves the gate in all cameras at once, and what
-    /// then would tell of the turn is not taken: the frames that miss it, more of them in a row than chance explains, tell in its place.
+    /// Factor on the noise of its motion model. A light that turns harder than its filter expects leaves the gate in all cameras at once, and the
+    /// features that would show the turn are not associated: consecutive misses beyond chance are used instead.
     pub fn noise_scale(&self) -> f64 {
         let adapted = self.noise.as_ref().map_or(1.0, AdaptiveNoise::scale);
         let surprise = -f64::from(self.misses) * (1.0 - self.share.min(MOST_SHARE)).ln();
@@ -137,13 +137,13 @@ impl Track {
         adapted * (beyond * beyond).min(MOST_FOR_MISSES)
     }
 
-    /// How it is seen through `filter`, which is its own or was; it has the number `track`.
+    /// Its view through `filter`, which is or was its own; it has the index `track`.
     pub fn view<'f>(&self, track: usize, filter: &'f Filter) -> View<'f> {
         let shares = self.is_established().then_some(self.share_of_late);
         View { track, filter, most_clutter: self.most_clutter(), shares }
     }
 
-    /// Whether most cameras that usually see it have lost it of late: it is hidden, or it is not where its filter says.
+    /// Whether most cameras that usually see it have lost it recently: it is occluded, or off its predicted place.
     pub fn is_astray(&self) -> bool {
         self.is_established() && self.share_of_late < ASTRAY * self.share
     }
@@ -161,7 +161,7 @@ impl Track {
         self.cameras.insert(camera);
     }
 
-    /// Goes on with `filter`, where several cameras, `camera` the last of them, have found it again at `time`.
+    /// Restarts with `filter`, as several cameras, `camera` the last of them, have found it again at `time`.
     pub fn restart(&mut self, filter: Filter, camera: CameraId, time: Time) {
         self.filter = filter;
         self.history.clear();
@@ -187,7 +187,7 @@ impl Track {
         }
     }
 
-    /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is tentative is shown from the
+    /// Notes a frame in whose field of view it lies, and whether that frame saw it. A target that is tentative is sent from the
     /// third observation on, if the part `share` of the frames saw it.
     pub fn judge(&mut self, seen: bool, share: f64) {
         self.misses = if seen { 0 } else { self.misses.saturating_add(1) };
@@ -213,29 +213,29 @@ impl Track {
         refuted
     }
 
-    /// Whether it is known well enough to judge others by, such as a camera's clock.
+    /// Whether it is certain enough to be a reference, such as for a camera's clock.
     pub fn is_established(&self) -> bool {
         self.confirmation.is_none()
     }
 
-    /// How many false features its gate may hold in one frame, on average: the longer it has been missed, the likelier is it hidden, and
-    /// what lies there someone else's. Beyond that it takes none, and waits until several cameras agree on where it is.
+    /// How many false features its gate may hold in one frame, on average: the longer it has been missed, the likelier it is occluded, and
+    /// a feature there another light's. Beyond that it takes none, and waits until several cameras agree on its place.
     pub fn most_clutter(&self) -> f64 {
         let missed = f64::from(self.misses.min(1000) + 1);
         if self.is_established() { (MOST_CLUTTER / (missed * missed)).max(LEAST_CLUTTER) } else { f64::INFINITY }
     }
 
-    /// Whether it has lived long enough, and nobody has seen it for some frames: where it is, is a guess.
+    /// Whether it has lived long enough and been missed for some frames: its position is extrapolated.
     pub fn is_coasting(&self, now: Time) -> bool {
         self.is_established() && now - self.seen_at > UNSEEN
     }
 
     /// Whether it is lost at `now`, by the two rules of [Davis 2002 §3.6].
-    pub fn lost(&self, now: Time, unseen: Interval, single_view: Interval) -> Option<Death> {
+    pub fn lost(&self, now: Time, unseen: Interval, single_view: Interval) -> Option<Termination> {
         if now - self.seen_at > unseen {
-            Some(Death::Unseen)
+            Some(Termination::Unseen)
         } else if self.seen_at - self.other_at > single_view {
-            Some(Death::SingleView)
+            Some(Termination::SingleView)
         } else {
             None
         }

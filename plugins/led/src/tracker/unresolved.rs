@@ -1,35 +1,35 @@
 //! Two targets whose images have run into one spot.
 //!
-//! Lights that are closer in a picture than their images are wide are one spot, whose centre lies between them. Given to one of the two, it draws that one off by half of
-//! what they are apart and leaves the other without any; and as all cameras on one side see the pair so, both go astray. Here the spot is a measurement of both
+//! Lights that are closer in a picture than their images are wide are one spot, whose centre lies between them. Associated with one of the two, it biases that one by half of
+//! their distance and leaves the other without any; as all cameras on one side see the pair like this, both are lost. Here the spot is a measurement of both
 //! (W. Koch and G. van Keuk, "Multiple hypothesis track maintenance with possibly unresolved measurements", IEEE Trans. Aerospace and Electronic Systems 33(3), 1997):
 //!
 //! z = (h(x₁) + h(x₂)) / 2 + noise of covariance R, R = of the feature + (w d)(w d)ᵀ, d = h(x₁) − h(x₂), w = [`WEIGHT_SIGMA`]
 //!
 //! With P₁ and P₂ the covariances of both predicted places in the picture, that is a measurement 2z − h(x₂) of the first with covariance 4R + P₂, and of the second likewise.
-//! It is believed where both are predicted within the spot, and where that explains its centre better than the one target that it was given to does.
+//! It is used where both are predicted within the spot, and where that explains its centre better than the one target that it was associated with.
 
 use foveate::messages::Feature;
 use nalgebra::{Matrix2, Matrix2x3, Point2};
 
 use super::association::{Association, Gate, Pair, widened};
 
-/// The lights of a spot are not equally bright, and one may be half hidden: where between the two its centre lies, standard deviation [parts of their distance].
+/// The lights of a spot are not equally bright, and one may be half occluded: position of the centre between the two, standard deviation [parts of their distance].
 const WEIGHT_SIGMA: f64 = 0.25;
 /// A target is predicted within a spot when it is no farther from its centre than this [radii of a disc as large].
 const WITHIN: f64 = 1.2;
 
 /// Two targets farther apart than this in a picture are not one spot [px].
 const MOST_APART_PX: f64 = 12.0;
-/// No target is taken to be seen, or hidden, with more certainty than this [–].
+/// Largest certainty that a target is seen or occluded [–].
 const MOST_SURE: f64 = 0.95;
 
-/// Where a target is predicted in a picture.
+/// Predicted place of a target in a picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Predicted {
     pub track: usize,
     pub view: usize,
-    /// Part of the frames of late that saw it [–].
+    /// Recent detection rate [–].
     pub share: f64,
     /// [px]
     pub pixel: Point2<f64>,
@@ -53,7 +53,7 @@ struct Spot {
 }
 
 impl Association {
-    /// Gives a spot that is two targets to both, once features are chosen: where two of which at most one has a feature are predicted within it.
+    /// Associates a spot with two targets, once features are chosen: where two, of which at most one has a feature, are predicted within it.
     pub fn share_spots(&mut self, features: &[Feature], gate: &Gate) {
         self.predicted.sort_unstable_by(|a, b| a.pixel.y.total_cmp(&b.pixel.y).then(a.track.cmp(&b.track)));
         for first in 0..self.predicted.len() {
@@ -98,7 +98,7 @@ impl Association {
         }
     }
 
-    /// The feature closest to `place` that no target has.
+    /// The feature closest to `place` without a target.
     fn nearest_free(&self, place: &Point2<f64>, features: &[Feature]) -> Option<usize> {
         let first = self.rows.partition_point(|row| row.0 < place.y - MOST_APART_PX);
         let near = self.rows[first..].iter().take_while(|row| row.0 <= place.y + MOST_APART_PX).map(|it| it.1);
@@ -107,7 +107,7 @@ impl Association {
     }
 }
 
-/// What `spot` says of both targets, and −2 ln of its likelihood as in [`Pair::cost`]; `None` where it is not both of them, within `gate_sigma` standard deviations.
+/// The observations of both targets by `spot`, and −2 ln of its likelihood as in [`Pair::cost`]; `None` where it is not both of them, within `gate_sigma` standard deviations.
 fn of_both(spot: &Spot, pair: [&Predicted; 2], gate_sigma: f64) -> Option<([Pair; 2], f64)> {
     let reach = WITHIN * (spot.area / std::f64::consts::PI).sqrt();
     if pair.iter().any(|it| (it.pixel - spot.centre).norm_squared() > reach * reach) {

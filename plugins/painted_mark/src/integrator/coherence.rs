@@ -1,7 +1,7 @@
-//! Whether the marks that were measured lie as they should: a surface bends, but none of its marks jumps among its neighbours.
+//! Coherence check of measured marks: a surface deforms, but none of its marks jumps among its neighbours.
 //!
-//! A name that went to another dot in two cameras makes a mark that no camera contradicts, at another depth; and where pictures that share few marks are brought together wrongly, marks that have their
-//! right names come out in a shape that the surface never had. What is known of the surface, carried along by the neighbours of each mark, contradicts both.
+//! A label assigned to another dot in two cameras makes a mark at another depth that no camera contradicts; and where pictures that share few marks are registered wrongly, marks with their
+//! right labels form a shape that the surface never had. Predictions from each mark's neighbours contradict both.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,33 +9,33 @@ use nalgebra::Point3;
 
 use super::track_store::carry;
 
-/// A mark is at most this far from where its neighbours carry it [m]: less than marks are apart.
+/// Largest distance of a mark from its prediction by its neighbours [m]: less than the spacing of marks.
 pub(super) const MOST_OFF: f64 = 0.009;
-/// Where more than this share of the marks are farther off, it is the whole that was measured wrongly.
+/// Where a larger share of the marks is farther off, the whole measurement is wrong.
 const MOST_STRAYS: f64 = 0.3;
-/// Fewer marks than this tell nothing of one another.
+/// Fewest marks for the check.
 const LEAST: usize = 6;
-/// After so many moments in a row at which the whole was wrong, what is known of the surface is: half a second at 30 Hz.
+/// Consecutive incoherent moments after which the stored surface is considered wrong: half a second at 30 Hz.
 const PATIENCE: u32 = 15;
 
-/// What is to be thought of the marks of one moment.
+/// Result of the check for one moment.
 #[derive(Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// These marks are elsewhere; the others lie as they should.
+    /// These marks are elsewhere; the others are coherent.
     Strays(BTreeSet<u32>),
-    /// So many are elsewhere that nothing of that moment is to be believed.
+    /// So many marks are elsewhere that the whole moment is rejected.
     Incoherent,
 }
 
-/// Judges the marks of each moment by where they were before.
+/// Checks the marks of each moment against those before.
 #[derive(Default)]
 pub(super) struct Coherence {
-    /// Moments in a row of which nothing was believed.
+    /// Consecutive rejected moments.
     incoherent: u32,
 }
 
 impl Coherence {
-    /// Of `measured`, in the light of where the marks are known to have been, by label [m].
+    /// Checks `measured` against the stored positions of marks, by label [m].
     pub fn judge(&mut self, known: &BTreeMap<u32, Point3<f64>>, measured: &BTreeMap<u32, Point3<f64>>) -> Verdict {
         let common: Vec<(u32, Point3<f64>)> =
             known.iter().filter(|it| measured.contains_key(it.0)).map(|it| (*it.0, *it.1)).collect();

@@ -1,26 +1,26 @@
-//! Which of some points in space are which marks of a known constellation, when nothing else is known: marks that were all lost get their names back.
+//! Re-identification of marks from points in space alone: finds which points are which marks of a known constellation.
 //!
-//! Three points whose mutual distances are those of three marks fix a rigid motion; the motion that brings most marks onto points wins. A face
+//! Three points whose mutual distances are those of three marks determine a rigid motion; the motion that brings most marks onto points wins. A face
 //! deforms, but much of it little.
 
 use foveate::estimation::Random;
 use foveate::geometry::{AlignmentOptions, align};
 use nalgebra::{Isometry3, Point3};
 
-/// Distances of a triple agree when they differ by less [m]: what a face changes between neighbours.
+/// Largest difference between distances of matching triples [m]: deformation of a face between neighbours.
 const LENGTH_TOLERANCE: f64 = 0.003;
 /// A mark is on a point when it is closer [m].
 const NEAR: f64 = 0.003;
 /// Sides of the triples: longer than the gaps between marks [m].
 const SHORTEST_SIDE: f64 = 0.03;
 const DRAWS: usize = 120;
-/// Points by which most ways to put marks on points are told to be none, and how many of them must be on marks.
+/// Points by which most candidate motions are rejected, and how many of them must be on marks.
 const PROBES: usize = 12;
 const LIKELY: usize = 3;
 /// Share of the points that must be marks, and their least number.
 const SHARE: f64 = 0.6;
 const LEAST: usize = 8;
-/// Another way to put the marks on the points may bring at most this share of them there: rows of marks look alike when shifted.
+/// A second motion may bring at most this share of the marks onto points: rows of marks look alike when shifted.
 const RIVAL: f64 = 0.7;
 
 /// Number of the point for each mark that is on one; `None` where the points are not the constellation.
@@ -78,7 +78,7 @@ pub(super) fn recognise(points: &[Point3<f64>], marks: &[Point3<f64>]) -> Option
     (enough && is_alone).then_some(pairs)
 }
 
-/// Whether enough of a few points have a mark near them for a closer look.
+/// Whether enough of a few points have a mark near them to examine the motion further.
 fn is_likely(points: &[Point3<f64>], marks: &[Point3<f64>], motion: &Isometry3<f64>) -> bool {
     let back = motion.inverse();
     let probes = (0..PROBES).map(|it| back * points[it * points.len() / PROBES]);

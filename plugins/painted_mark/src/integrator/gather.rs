@@ -1,4 +1,4 @@
-//! Brings together what the cameras report of one moment and where they stood then.
+//! Gathers the cameras' features and poses of one moment.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -9,11 +9,11 @@ use foveate::prelude::*;
 use foveate::scene::CalibratedHead;
 use nalgebra::Matrix6;
 
-/// Pictures and poses taken less than this apart are of one moment [s].
+/// Pictures and poses with a smaller time difference are of one moment [s].
 const SAME_S: f64 = 5e-4;
 /// Poses that are kept of each head.
 const POSES: usize = 16;
-/// Sets that wait for poses; then the oldest is worked on with what is there.
+/// Sets that wait for poses; beyond that the oldest is used without missing ones.
 const MOST_WAITING: usize = 3;
 
 /// One camera at one moment.
@@ -35,14 +35,14 @@ struct Set {
     features: Vec<Stamped<Arc<Features>>>,
 }
 
-/// Waits until the poses of a set are there.
+/// Holds sets until their poses have come.
 #[derive(Default)]
 pub(super) struct Gather {
     /// As calibrated; for cameras on heads: at rest.
     cameras: BTreeMap<CameraId, (Camera, Option<CalibratedHead>)>,
     poses: BTreeMap<CameraId, VecDeque<Arc<HeadPose>>>,
     waiting: VecDeque<Set>,
-    /// Pictures of cameras on heads of which nobody could say where they stood.
+    /// Pictures of cameras on heads without a pose.
     pub without_pose: u64,
 }
 
@@ -68,7 +68,7 @@ impl Gather {
         }
     }
 
-    /// The next moment of which all is there that will come.
+    /// The next complete moment.
     pub fn next(&mut self) -> Option<Frame> {
         let set = self.waiting.front()?;
         let is_open = |it: &Stamped<Arc<Features>>| {

@@ -1,4 +1,4 @@
-//! Where nothing is known: dots of several pictures that agree on places become the surface, and dots that are no known mark become marks.
+//! Initiation without a prior: dots of several pictures that agree on places become the surface, and dots that are no known mark become marks.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,17 +14,17 @@ use super::registration::register;
 use super::track_store::Known;
 use super::{Integrator, LEAST_TO_GO_ON};
 
-/// Tolerances of a search: tighter once the errors of the poses are known from a first one [px].
+/// Tolerances of a search: smaller once the errors of the poses are estimated [px].
 const NARROWING_PX: [f64; 2] = [3.0, 1.5];
-/// Share of the dots of a picture that must be matched for the matches to be believed.
+/// Share of a picture's dots that must be matched.
 const MATCHED: f64 = 0.5;
 /// Share of the dots of a picture that must agree on a shift.
 const AGREEING: f64 = 0.3;
-/// Dots closer to where a mark that other cameras see should be may be that mark [px].
+/// A dot closer than this to the prediction of a mark that other cameras see may be that mark [px].
 pub(super) const NEAR_KNOWN_PX: f64 = 6.0;
 
 impl Integrator {
-    /// The dots without a name of each view, as far as `is_free` says.
+    /// The dots without a label in each view, where `is_free` accepts them.
     fn dots(view: &View, is_free: impl Fn(&Point2<f64>) -> bool) -> Vec<Point2<f64>> {
         let unnamed = view.features.list.iter().filter(|it| it.label.is_none()).map(|it| it.centre);
         unnamed.filter(is_free).collect()
@@ -34,7 +34,7 @@ impl Integrator {
         (self.settings.initiation_views as usize).min(frame.views.len()).max(2)
     }
 
-    /// Nothing or too little is known: matches all dots, and names them, by the marks that are known where they are recognised. The cameras at the poses
+    /// Without a prior: matches all dots, and labels them, with known labels where the marks are recognised. Returns the cameras at the poses
     /// that fit the matches best.
     pub(super) fn look_for_surface(&mut self, frame: &Frame) -> Option<Vec<Camera>> {
         let all = |view: &View| {
@@ -98,7 +98,7 @@ impl Integrator {
         Some(views.into_iter().map(|it| it.camera).collect())
     }
 
-    /// Dots that are no known mark become marks where enough cameras agree. Those of `weak` marks are tried as well: the weak marks that are doubted since one of
+    /// Dots that are no known mark become marks where enough cameras agree. Those of `weak` marks are tried as well: returns the weak marks that are in doubt because one of
     /// their dots fits another mark, or enough dots of other cameras elsewhere. Two cameras side by side see any two dots at one height as a place.
     pub(super) fn look_for_new(&mut self, frame: &Frame, cameras: &[Camera], weak: &BTreeSet<u32>) -> BTreeSet<u32> {
         let mut doubted = BTreeSet::new();

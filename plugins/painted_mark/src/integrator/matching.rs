@@ -1,6 +1,6 @@
-//! Which dots in the pictures of several cameras are the same mark, by geometry alone.
+//! Matches the dots of several cameras by geometry alone.
 //!
-//! Two dots whose lines of sight pass each other closely make a place; the other cameras should see a dot there too. Places that most cameras agree
+//! Two dots whose lines of sight pass each other closely propose a place; the other cameras should see a dot there too. Places that most cameras agree
 //! on come first and take their dots; a dot belongs to one place at most.
 
 use foveate::geometry::{Camera, Ray, triangulate_rays};
@@ -19,22 +19,22 @@ pub(super) struct Match {
     pub position: Point3<f64>,
     /// View and dot.
     pub dots: Vec<(usize, usize)>,
-    /// Largest distance between a dot and where the place is seen [px].
+    /// Largest distance between a dot and the projection of the place [px].
     pub worst: f64,
 }
 
-/// What is looked for.
+/// Options of matching.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MatchOptions {
     /// Middle of the ball that all marks lie in [m], and its radius [m].
     pub ball: (Point3<f64>, f64),
-    /// A dot is where a place is seen when it is no farther off [px].
+    /// Largest distance between a dot and the projection of its place [px].
     pub tolerance: f64,
-    /// Cameras that have to agree at least.
+    /// Fewest cameras that agree.
     pub views: usize,
 }
 
-/// The point that the optical axes of `cameras` pass closest to: heads that follow one target look at it. `None` for fewer than two.
+/// The point that the optical axes of `cameras` pass closest to: heads that track one target look at it. `None` for fewer than two.
 pub(super) fn where_all_look<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Option<Point3<f64>> {
     let axes: Vec<Ray> = cameras
         .filter_map(|it| it.ray(&Point2::new(f64::from(it.image_size[0]) / 2.0, f64::from(it.image_size[1]) / 2.0)))
@@ -52,7 +52,7 @@ pub(super) fn where_all_look<'a>(cameras: impl Iterator<Item = &'a Camera>) -> O
     Some(Point3::from(normal.try_inverse()? * right)).filter(|it| it.coords.norm().is_finite())
 }
 
-/// Matches dots; the best agreed first.
+/// Matches dots; the best supported places first.
 pub(super) fn match_dots(views: &[DotView], options: &MatchOptions) -> Vec<Match> {
     let rays: Vec<Vec<Option<Ray>>> =
         views.iter().map(|view| view.dots.iter().map(|dot| view.camera.ray(dot)).collect()).collect();

@@ -1,4 +1,4 @@
-//! `painted_mark.integrator`: from the marks in the pictures of several cameras to marks in space.
+//! `painted_mark.integrator`: recovers marks in space from the marks in the pictures of several cameras.
 
 mod coherence;
 mod constellation;
@@ -36,33 +36,33 @@ ports! {
 }
 
 figures! {
-    "(*.)marks.measured.mean": count, high, "Marks in a frame, mean over all frames";
-    "(*.)marks.views.mean": count, high, "Cameras that a mark was measured by, mean over all measured marks";
-    "(*.)marks.frames": count, neither, "Moments at which cameras reported";
-    "(*.)marks.frames_without": count, low, "Of these, moments at which no mark was recovered";
-    "(*.)marks.known": count, neither, "Marks that are confirmed when the run ends";
-    "(*.)marks.disputed": count, low, "Observations that contradicted those of the other cameras; not used";
-    "(*.)marks.frames_incoherent": count, low, "With pose_errors: moments at which so many marks lay where the surface never had them that none was used";
+        "(*.)marks.measured.mean": count, high, "Marks measured in a frame, mean over all frames";
+        "(*.)marks.views.mean": count, high, "Cameras used for a mark, mean over all measured marks";
+        "(*.)marks.frames": count, neither, "Moments with pictures";
+        "(*.)marks.frames_without": count, low, "Moments at which no mark was recovered";
+        "(*.)marks.known": count, neither, "Confirmed marks when the run ends, including face features that look like dots (irises, corners of eyes) and marks that were initiated twice";
+        "(*.)marks.disputed": count, low, "Observations that contradicted those of the other cameras; not used";
+    "(*.)marks.frames_incoherent": count, low, "With pose_errors: moments rejected because too many marks were off their predictions";
     "(*.)marks.searches": count, low, "Times that the surface was found without a prior";
     "(*.)marks.pair_changes": count, low, "With views = best_pair: changes of the pair of cameras";
     "(*.)marks.pictures_without_pose": count, low, "Pictures of cameras on heads for which no pose came; not used";
-    "(*.)marks.pose_error_mrad.*": mrad, low, "With pose_errors: root mean square turn by which the stated pose of that camera was off";
+    "(*.)marks.pose_error_mrad.*": mrad, low, "With pose_errors: root mean square rotation between the stated and the estimated pose of that camera";
 }
 
-/// With fewer marks than this the surface is looked for as if nothing were known.
+/// With fewer marks than this the search restarts without a prior.
 const LEAST_TO_GO_ON: usize = 6;
-/// Where a mark that is not seen should be is known about so well [m].
+/// Standard deviation of the predicted position of an unseen mark [m].
 const CARRIED_SIGMA: f64 = 0.002;
-/// What one camera alone takes for a hidden mark is something else farther than this from where the mark should be: the contour of a nose that the mark is behind
+/// A single camera's observation of a hidden mark is rejected beyond this distance from its prediction: it is the contour of a nose in front of the mark
 /// [standard deviations].
 const LONE_SIGMAS: f64 = 1.5;
 const DEFAULT_RADIUS_M: f64 = 0.25;
 
-/// Marks with names come in from trackers, or dots without names: those that enough cameras agree on become marks, and `guide` tells each tracker
-/// where it should see each of them, which is how marks get their names, and how they get them again after they were lost. Marks are given out when two cameras
-/// or more agree on them, in a space with the world's axes and its origin in their middle.
+/// Labelled marks and unlabelled dots come in from trackers. Dots that enough cameras agree on become marks, and `guide` sends each tracker
+/// the predicted pixel of each of them, which gives marks their labels, also after they were lost. Marks are sent when two cameras
+/// or more agree on them, in a space with the world's axes and its origin at their mean.
 ///
-/// Cameras on heads stand where `poses` says, cameras without a head where the calibration has them. The pictures have to be taken at the same
+/// Cameras on heads have the poses of `poses`, cameras without a head those of the calibration. The pictures have to be taken at the same
 /// moment: painted marks move while a face does.
 pub struct Integrator {
     settings: IntegratorSettings,
@@ -90,11 +90,11 @@ struct Tally {
     starts: u64,
     /// Cameras that reported at one moment, at most.
     most_views: usize,
-    /// By camera: sum of squared turns that its pose was off by [rad²], and frames.
+    /// By camera: sum of squared pose errors (rotation) [rad²], and number of frames.
     turns: BTreeMap<CameraId, (f64, u64)>,
 }
 
-/// The named features of one frame as observations, with the labels of points and what each observation is.
+/// The labelled features of one frame as observations, with the labels of points and the origin of each observation.
 struct Observations {
     labels: Vec<u32>,
     list: Vec<JointObservation>,
@@ -112,7 +112,7 @@ impl Observations {
 impl Node for Integrator {
     const TYPE: &'static str = "painted_mark.integrator";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str = "Painted marks in space, from all cameras at once or the best pair; names marks";
+    const SUMMARY: &'static str = "Recovers painted marks in space from all cameras or the best pair, and names them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = IntegratorSettings;
 
@@ -295,8 +295,8 @@ impl Integrator {
         }
     }
 
-    /// What was found without the marks that jumped among their neighbours, and which these are; `None` where the whole has a shape that it cannot have. Poses that are taken as they are make marks seem
-    /// to jump that do not.
+    /// The solution without marks that jumped among their neighbours, and their labels; `None` for an incoherent shape. Without estimated pose errors, marks seem to
+    /// jump that do not.
     fn without_strays(&mut self, observations: &Observations, solved: Option<Joint>) -> (Option<Joint>, BTreeSet<u32>) {
         let Some(mut joint) = solved else { return (None, BTreeSet::new()) };
         if !self.settings.pose_errors {
@@ -323,7 +323,7 @@ impl Integrator {
         }
     }
 
-    /// Marks from the pictures that the settings say. `None` where no mark is seen twice.
+    /// Marks from the pictures that the settings select. `None` where no mark is seen twice.
     fn solve(&mut self, frame: &Frame, observations: &Observations) -> Option<Joint> {
         let viewpoints: Vec<Viewpoint> = frame.views.iter().map(|it| it.viewpoint.clone()).collect();
         let options = self.options();
@@ -351,7 +351,7 @@ impl Integrator {
         Some(self.blended(joint))
     }
 
-    /// What is left of a step between two pairs moves all points.
+    /// Applies the rest of a step between two pairs to all points.
     fn blended(&self, mut joint: Joint) -> Joint {
         let known: Vec<Point3<f64>> = joint.points.iter().flatten().map(|it| it.position).collect();
         let motion = self.blend.motion(&middle(&known));
@@ -433,7 +433,7 @@ fn symmetric(covariance: &Matrix3<f64>) -> Matrix3<f64> {
     (covariance + covariance.transpose()) / 2.0
 }
 
-/// What was found from the observations that `is_in` chooses, with the others at their places, without a part.
+/// The solution from the observations that `is_in` selects, with the others in their places, unused.
 fn with_all_observations(joint: Joint, all: &[JointObservation], is_in: impl Fn(&JointObservation) -> bool) -> Joint {
     let mut residuals = joint.residuals.into_iter();
     let mut disputed = joint.disputed.into_iter();
@@ -444,7 +444,7 @@ fn with_all_observations(joint: Joint, all: &[JointObservation], is_in: impl Fn(
     Joint { residuals, disputed, ..joint }
 }
 
-/// What each pair of views has to offer.
+/// Quality of each pair of views.
 fn offers(frame: &Frame, observations: &Observations) -> Vec<Offer> {
     let mut seen = vec![BTreeSet::new(); frame.views.len()];
     for it in &observations.list {

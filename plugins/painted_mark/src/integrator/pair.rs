@@ -1,19 +1,19 @@
-//! The best pair of cameras over time, and how its changes are kept from showing [Davis 2002 §5.2].
+//! Selection of the best pair of cameras over time, with smooth changes [Davis 2002 §5.2].
 
 use foveate::geometry::{AlignmentOptions, align};
 use foveate::prelude::CameraId;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// Lines of sight that cross at this angle or more are as good as can be [rad].
+/// Larger angles between lines of sight do not improve a pair [rad].
 const WIDE: f64 = 0.52;
 
-/// What a pair of cameras has to offer.
+/// Quality of a pair of cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Offer {
     pub pair: [CameraId; 2],
     /// Marks that both see.
     pub common: usize,
-    /// At which their lines of sight cross [rad].
+    /// Angle between their lines of sight [rad].
     pub angle: f64,
 }
 
@@ -23,7 +23,7 @@ impl Offer {
     }
 }
 
-/// Keeps to a pair until another is better by a share.
+/// Keeps a pair until another is better by a given share.
 #[derive(Default)]
 pub(super) struct Choice {
     pair: Option<[CameraId; 2]>,
@@ -31,7 +31,7 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// The pair to take, and the one taken until now if it is another that still offers something.
+    /// The pair to use, and the previous one if it differs and still sees something.
     pub fn choose(&mut self, offers: &[Offer], gain: f64) -> Option<([CameraId; 2], Option<[CameraId; 2]>)> {
         let best = offers.iter().max_by(|a, b| a.worth().total_cmp(&b.worth())).filter(|it| it.common > 0)?;
         let held = offers.iter().find(|it| Some(it.pair) == self.pair && it.common > 0);
@@ -42,9 +42,9 @@ impl Choice {
     }
 }
 
-/// A step between two pairs, spread over time: the motion that takes what the new pair sees to where the old one would have seen it, fading away.
+/// A step between two pairs, spread over time: the motion from the points of the new pair to those of the old one, fading out.
 pub(super) struct Blend {
-    /// About `middle`: turn and shift.
+    /// Rotation and shift about `middle`.
     turn: Vector3<f64>,
     shift: Vector3<f64>,
     time_constant: f64,
@@ -55,7 +55,7 @@ impl Blend {
         Blend { turn: Vector3::zeros(), shift: Vector3::zeros(), time_constant: time_s }
     }
 
-    /// From now on the points are those of another pair: `new` and `old` are the same marks, as both pairs see them now.
+    /// Switches to another pair: `new` and `old` are the same marks by both pairs at this time.
     pub fn step(&mut self, new: &[Point3<f64>], old: &[Point3<f64>]) {
         let middle = middle(new);
         let fading = self.motion(&middle);
@@ -75,7 +75,7 @@ impl Blend {
         self.shift *= left;
     }
 
-    /// What is left of the step, for points about `middle`.
+    /// The rest of the step, for points about `middle`.
     pub fn motion(&self, middle: &Point3<f64>) -> Isometry3<f64> {
         let about = Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(self.turn));
         Translation3::from(middle.coords + self.shift) * about * Translation3::from(-middle.coords)

@@ -1,7 +1,7 @@
-//! How far the pictures of several cameras are off one another when nothing is known of the dots in them: by vote.
+//! Registration of the pictures of several cameras without labels, by voting.
 //!
-//! Which dots belong together is not known, but true pairs all ask for the same shift of a picture, and false ones for any. First the two cameras that
-//! stand closest vote on the shift across their epipolar lines; along these a shift is only a change of depth. The places that their pairs then make ask for a shift of
+//! The matches are unknown, but true pairs all vote for the same shift of a picture, and false ones for random shifts. First the two cameras that
+//! are closest vote on the shift across their epipolar lines; along these a shift is only a change of depth. The places of their pairs then vote for a shift of
 //! each further picture, in both directions.
 
 use foveate::geometry::{Camera, Ray, triangulate_rays};
@@ -11,11 +11,11 @@ use super::matching::DotView;
 
 /// Width of the bins of votes [px].
 const BIN: f64 = 2.0;
-/// Pairs of the first two cameras whose lines of sight pass each other within this make a place [px].
+/// Largest distance between the lines of sight of a pair of dots of the first two cameras [px].
 const PASS: f64 = 2.5;
 
-/// Turns the cameras by up to `reach` px until their dots fit together; all marks lie in the ball `ball`. A camera for which there are fewer than `least` votes does not
-/// see the surface: its dots are taken away. Whether `n_views` cameras do.
+/// Rotates the cameras by up to `reach` px so that their dots match; all marks lie in the ball `ball`. A camera with fewer than `least` votes does not
+/// see the surface: its dots are removed. Returns whether `n_views` cameras do.
 pub(super) fn register(
     views: &mut [DotView],
     ball: (Point3<f64>, f64),
@@ -56,7 +56,7 @@ pub(super) fn register(
     views.iter().filter(|it| !it.dots.is_empty()).count() >= n_views
 }
 
-/// The two cameras with dots between whose directions to each other's dots there is least angle.
+/// The two cameras with dots whose viewing directions differ least.
 fn closest_pair(views: &[DotView]) -> Option<[usize; 2]> {
     let axis = |view: &DotView| Some(view.camera.ray(view.dots.first()?)?.direction.into_inner());
     let pairs = (0..views.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
@@ -65,7 +65,7 @@ fn closest_pair(views: &[DotView]) -> Option<[usize; 2]> {
     known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|it| it.0)
 }
 
-/// Of each pair of dots whose place may lie in the ball: how far the second dot would have to shift across its epipolar line [px], and in which direction that is.
+/// For each pair of dots whose place may lie in the ball: the shift of the second dot across its epipolar line [px], and its direction.
 fn votes_across(a: &DotView, b: &DotView, ball: (Point3<f64>, f64), reach: f64) -> Vec<(f64, Vector2<f64>)> {
     let (middle, radius) = ball;
     let mut votes = Vec::new();
@@ -120,7 +120,7 @@ fn offsets(view: &DotView, places: &[Point3<f64>], reach: f64) -> Vec<(usize, Ve
     offsets
 }
 
-/// Where votes lie closest together, if `least` of them do; the mean of those.
+/// The mean of the largest cluster of votes, if it has at least `least` of them.
 fn peak(votes: &[f64], reach: f64, least: usize) -> Option<f64> {
     let flat: Vec<Vector2<f64>> = votes.iter().map(|it| Vector2::new(*it, 0.0)).collect();
     peak_2d(&flat, reach, least).map(|it| it.x)
@@ -144,7 +144,7 @@ fn peak_2d(votes: &[Vector2<f64>], reach: f64, least: usize) -> Option<Vector2<f
     (count >= least).then(|| sum / count as f64)
 }
 
-/// The camera turned about its centre so that what it sees at the ball's middle is seen `shift` px farther.
+/// The camera rotated about its centre so that the view of the ball's middle shifts by `shift` px.
 fn shifted(camera: &Camera, shift: &Vector2<f64>, middle: &Point3<f64>) -> Camera {
     let Some(pixel) = camera.project(middle) else { return camera.clone() };
     let direction = |pixel: &Point2<f64>| camera.ray(pixel).map(|it| it.direction.into_inner());

@@ -4,14 +4,14 @@ use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which pictures the marks of one moment come from.
+/// Pictures used for the marks of one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Views {
     /// All of them.
     #[default]
     All,
-    /// Those of the two cameras that are best at that time, as [Davis 2002 §5.2].
+    /// Those of the two best cameras at that time, as in [Davis 2002 §5.2].
     BestPair,
 }
 
@@ -19,51 +19,51 @@ pub enum Views {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IntegratorSettings {
-    /// Word before the names of the figures, as in `paper.marks.known`, to tell several integrators of one rig apart; empty: none [–].
+    /// Prefix of the figures' names, as in `paper.marks.known`, to distinguish several integrators of one rig; empty: none [–].
     pub label: String,
-    /// Which pictures the marks of one moment come from [–].
+    /// Pictures used for the marks of one moment: `all`, or those of the `best_pair` [–].
     pub views: Views,
-    /// Whether the errors of the poses that heads are thought to have are found along with the marks; otherwise the poses are taken as they are [–].
+    /// Whether the errors of the heads' poses are estimated together with the marks; otherwise the poses are used as stated [–].
     pub pose_errors: bool,
-    /// What the poses' own covariances leave out of a turn about the camera's centre [mrad].
+    /// Additional uncertainty of poses: rotation about the camera's centre, standard deviation [mrad].
     #[schemars(range(min = 0.001, max = 100.0))]
     pub rotation_floor_mrad: f64,
-    /// What they leave out of a shift [mm].
+    /// Additional uncertainty of poses: shift, standard deviation [mm].
     #[schemars(range(min = 0.001, max = 100.0))]
     pub translation_floor_mm: f64,
-    /// What the covariances of the marks' pixels leave out: a painted dot on a bent skin is no perfect disc [px].
+    /// Additional uncertainty of the marks' pixels: a painted dot on curved skin is no perfect disc [px].
     #[schemars(range(min = 0.001, max = 10.0))]
     pub pixel_floor_px: f64,
-    /// A mark farther off than this in a picture is not that mark [standard deviations].
+    /// Largest distance of a mark in a picture from its prediction [standard deviations].
     #[schemars(range(min = 2.0, max = 100.0))]
     pub outlier_sigmas: f64,
-    /// How far the poses may be off before anything is known of their errors, as seen in the picture; with `pose_errors` [px].
+    /// Largest pose errors before they are estimated, in pixels of the picture; with `pose_errors` [px].
     #[schemars(range(min = 0.5, max = 100.0))]
     pub start_px: f64,
-    /// Cameras that have to agree on a mark that nobody named, at least; 2 where there are no more [–].
+    /// Fewest cameras that agree on an unlabelled mark; 2 where there are no more [–].
     #[schemars(range(min = 2, max = 16))]
     #[schemars(extend("x-formerly" = "birth_views"))]
     pub initiation_views: u32,
-    /// Pictures in a row in which they have to, before the mark counts [–].
+    /// Consecutive pictures in which they have to, before the mark is confirmed [–].
     #[schemars(range(min = 1, max = 1000))]
     #[schemars(extend("x-formerly" = "birth_frames"))]
     pub initiation_frames: u32,
-    /// Marks lie at least this far apart [mm].
+    /// Smallest distance between marks [mm].
     #[schemars(range(min = 0.5, max = 1000.0))]
     pub spacing_mm: f64,
-    /// Marks lie within this distance of where the cameras look; 0: that of the scale, 0.25 m where it has none [m].
+    /// Largest distance of marks from the point that the cameras look at; 0: the radius of the scale, or 0.25 m without one [m].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub radius_m: f64,
-    /// With `best_pair`: another pair has to be better by this share to be taken [–].
+    /// With `best_pair`: smallest relative advantage of another pair for a change [–].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub pair_gain: f64,
-    /// With `best_pair`: the step from one pair to the next is spread over this time; 0: it shows at once [ms].
+    /// With `best_pair`: time over which the step from one pair to the next is spread; 0: no smoothing [ms].
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub blend_ms: f64,
 }
 
 impl Default for IntegratorSettings {
-    /// For dots of 3 to 5 px, 12 px apart, in the pictures of heads that are known to a tenth of a degree.
+    /// For dots of 3 to 5 px, 12 px apart, in the pictures of heads that are calibrated to a tenth of a degree.
     fn default() -> Self {
         Self {
             label: String::new(),

@@ -1,4 +1,4 @@
-//! Shapes that the surface had: a knee that was lost bent and comes back stretched is recognised by how it was when it was stretched before.
+//! Stored shapes of the surface: a knee that was lost bent and comes back stretched is recognised from an earlier stretched shape.
 
 use std::collections::BTreeMap;
 
@@ -7,24 +7,24 @@ use nalgebra::Point3;
 use super::constellation::recognise;
 use super::track_store::TrackStore;
 
-/// Shapes that are kept: the oldest goes.
+/// Most shapes that are kept; the oldest is dropped.
 const KEPT: usize = 12;
-/// Distances between marks of two shapes differ by more than this, root mean square [m]: less than what marks are recognised with.
+/// Smallest root mean square difference of distances between marks of two shapes [m]: less than the tolerance of recognition.
 const APART: f64 = 0.002;
-/// Share of the marks that must be measured for the rest to be where they should be.
+/// Share of the marks that must be measured for reliable predictions of the rest.
 const MEASURED: f64 = 0.6;
 /// Marks of a shape, at least.
 const LEAST: usize = 8;
 
-/// Where the marks were at once, by label, in the world of that moment [m].
+/// Positions of the marks at one moment, by label, in the world [m].
 type Shape = BTreeMap<u32, Point3<f64>>;
 
-/// Shapes that differ, the newest last.
+/// Different shapes, the newest last.
 #[derive(Default)]
 pub(super) struct Shapes(Vec<Shape>);
 
 impl Shapes {
-    /// Takes in how the surface is now, if enough of it is measured.
+    /// Stores the present shape, if enough of it is measured.
     pub fn remember(&mut self, store: &TrackStore) {
         let believed = || store.marks.iter().filter(|it| it.1.is_believed);
         let (n, n_seen) = (believed().count(), believed().filter(|it| it.1.is_seen).count());
@@ -45,7 +45,7 @@ impl Shapes {
         self.0.push(now);
     }
 
-    /// Which marks `points` are, by label, and the shape in which they are; first by where the marks are thought to be now. `None` where they are no shape that is known.
+    /// Labels of `points`, and their shape; the predicted present shape `now` is tried first. `None` where no stored shape fits.
     pub fn recognise(&self, points: &[Point3<f64>], now: Shape) -> Option<(BTreeMap<u32, Point3<f64>>, Shape)> {
         std::iter::once(&now).chain(self.0.iter().rev()).find_map(|shape| {
             let (labels, marks): (Vec<u32>, Vec<Point3<f64>>) = shape.iter().map(|it| (*it.0, *it.1)).unzip();
@@ -58,7 +58,7 @@ impl Shapes {
     }
 }
 
-/// By how much distances between the marks of two shapes differ, root mean square [m]; infinite for too few marks in common.
+/// Root mean square difference of distances between the marks of two shapes [m]; infinite for too few marks in common.
 fn difference(one: &Shape, other: &Shape) -> f64 {
     let common: Vec<[&Point3<f64>; 2]> = one.iter().filter_map(|(label, a)| Some([a, other.get(label)?])).collect();
     if common.len() < LEAST {

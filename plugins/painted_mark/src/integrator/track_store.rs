@@ -1,4 +1,4 @@
-//! What is known of each mark: where it was, whether it is believed yet.
+//! The track store of marks: position and confirmation of each.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,42 +6,42 @@ use foveate::geometry::{AlignmentOptions, align};
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Point3};
 
-/// A mark that is not believed yet is forgotten after so many frames without being seen.
+/// A tentative mark is dropped after this many frames without an observation.
 const PATIENCE: u32 = 15;
-/// A mark that nobody named from outside is none once its cameras contradicted one another in so many frames more than they agreed in: half a second at the
+/// A mark that was labelled here is false once its cameras contradicted each other in this many frames more than they agreed in: half a second at the
 /// 60 Hz of heads.
 const MOST_CONTRADICTIONS: u32 = 30;
-/// Of two hidden marks that may have come out at a place, the second has to be so many times as far from where it should be as the first.
+/// Of two hidden marks that may have reappeared at a place, the second must be this many times as far from its prediction as the first.
 const CLEARLY_FARTHER: f64 = 2.0;
-/// After so many frames in which that was not clear the first is taken: the second may never come out again.
+/// After this many ambiguous frames the first is used: the second may never reappear.
 const MOST_UNDECIDED: u32 = 30;
-/// Marks by whose motion an unseen one is extrapolated: its nearest so many.
+/// Number of nearest marks by whose motion an unseen one is extrapolated.
 const NEIGHBOURS: usize = 10;
-/// Fewer marks than this do not say how the surface moved.
+/// Fewest marks that determine the surface's motion.
 const LEAST_FOR_MOTION: usize = 4;
 
 /// One mark.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Known {
-    /// Where it is or should be, in the world [m].
+    /// Measured or predicted position, in the world [m].
     pub position: Point3<f64>,
     /// Whether it was measured in the last frame.
     pub is_seen: bool,
-    /// Frames in which it was measured, until it is believed.
+    /// Frames in which it was measured, until it is confirmed.
     seen: u32,
     /// Frames since it was measured.
     unseen: u32,
     pub is_believed: bool,
-    /// Frames in which two cameras or more saw it, not in one place, over those in which they agreed.
+    /// Frames in which two or more cameras disagreed on its place, minus those in which they agreed.
     contradictions: u32,
-    /// Frames in which something came out that may be it or another one, since it was seen.
+    /// Frames since it was seen in which a reappearing mark may be it or another one.
     undecided: u32,
-    /// Whether it was named from outside.
+    /// Whether its label came from outside.
     is_given: bool,
 }
 
 impl Known {
-    /// Nobody has seen it under a name.
+    /// A new mark without observations under its label.
     fn at(position: Point3<f64>) -> Known {
         Known {
             position,
@@ -60,13 +60,13 @@ impl Known {
 #[derive(Default)]
 pub(super) struct TrackStore {
     pub marks: BTreeMap<u32, Known>,
-    /// Labels that are not given out again: of what was taken for a mark and is none, or was not seen again before it counted.
+    /// Labels that are not used again: of false marks, and of tentative marks that were not confirmed.
     pub retired: BTreeSet<u32>,
     next_label: u32,
 }
 
 impl TrackStore {
-    /// A mark that somebody named.
+    /// A mark whose label came from outside.
     pub fn named(&mut self, label: u32, position: Point3<f64>) {
         self.next_label = self.next_label.max(label + 1);
         let known = Known { is_seen: true, seen: 1, is_believed: true, is_given: true, ..Known::at(position) };
@@ -79,7 +79,7 @@ impl TrackStore {
         self.next_label += 1;
     }
 
-    /// Takes in which marks two cameras or more saw under their names, and whether all agreed that it was one mark; retires those that are contradicted too often.
+    /// Updates marks that two or more cameras saw, with whether they agreed on its place; retires marks with too many contradictions.
     pub fn judge(&mut self, agreed: impl Iterator<Item = (u32, bool)>) {
         for (label, agreed) in agreed {
             let Some(mark) = self.marks.get_mut(&label).filter(|it| !it.is_given) else { continue };
@@ -91,8 +91,8 @@ impl TrackStore {
         }
     }
 
-    /// Takes in the marks of one frame and carries on the others: by `filled`, where all marks should be in a space of their own, or else by where all were.
-    /// Marks that are not believed yet are forgotten where too few cameras see them again: those of `weak` are seen by too few.
+    /// Takes in the marks of one frame and predicts the others: by `filled`, positions of all marks in their own space, or else by their previous positions.
+    /// Tentative marks in `weak`, which too few cameras see, are dropped.
     pub fn update(
         &mut self,
         measured: &BTreeMap<u32, Point3<f64>>,
@@ -141,7 +141,7 @@ impl TrackStore {
         });
     }
 
-    /// The marks were as in `shape` when the surface was last shaped as now, wherever it was then [m].
+    /// Moves the unseen marks as in `shape`, a stored shape in any pose [m].
     pub fn take_shape(&mut self, shape: &BTreeMap<u32, Point3<f64>>) {
         for (label, position) in shape {
             self.marks.entry(*label).and_modify(|it| it.position = *position);
@@ -153,9 +153,9 @@ impl TrackStore {
         self.marks.get(&label).is_some_and(|it| !it.is_given)
     }
 
-    /// Takes `position`, where the cameras agree on a mark that has no name, for the one hidden mark that should be within `reach` of it [m], and by far not as near as another one.
-    /// Whether there is any within reach; where another one may be it as well, nobody is moved for a second, and nobody new is there either: skin that is pulled aside has a mark come out halfway to
-    /// where its neighbour should be.
+    /// Assigns `position`, where the cameras agree on an unlabelled mark, to the hidden mark predicted within `reach` of it [m], if no other is nearly as near.
+    /// Returns whether any is within reach; an ambiguous position moves no mark for half a second, and initiates none: a mark on skin that is pulled aside reappears halfway to
+    /// its neighbour's place.
     pub fn moved_to(&mut self, position: &Point3<f64>, reach: f64) -> bool {
         let (mut near, mut second) = ((f64::INFINITY, None), f64::INFINITY);
         for (label, mark) in self.marks.iter().filter(|it| it.1.is_believed && it.1.unseen > 0) {
@@ -185,7 +185,7 @@ impl TrackStore {
     }
 }
 
-/// How the surroundings of `place` moved, from where `from` has the marks to where they were measured.
+/// Motion of the surroundings of `place`, from the marks' positions `from` to their measured ones.
 pub(super) fn carry(
     from: &[(u32, Point3<f64>)],
     measured: &BTreeMap<u32, Point3<f64>>,
@@ -263,12 +263,12 @@ mod tests {
         let mut track_store = TrackStore::default();
         let at = |x: f64| Point3::new(x, 0.0, 1.0);
         [0.0, 0.1, 0.112].iter().zip(0..).for_each(|(x, label)| track_store.named(label, at(*x)));
-        assert!(!track_store.moved_to(&at(0.005), 0.009), "nobody is hidden");
+        assert!(!track_store.moved_to(&at(0.005), 0.009), "no mark is hidden");
         track_store.update(&BTreeMap::new(), &BTreeSet::new(), None, 1);
         assert!(track_store.moved_to(&at(0.005), 0.009) && track_store.marks[&0].position == at(0.005));
         assert!(
             track_store.moved_to(&at(0.106), 0.009) && track_store.marks[&1].position == at(0.1),
-            "one of two, nobody knows which"
+            "one of two, ambiguous"
         );
         for _ in 1..MOST_UNDECIDED {
             assert!(track_store.moved_to(&at(0.105), 0.009) && track_store.marks[&1].position == at(0.1), "5 and 7 mm");
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_contradicted_more_often_than_not_is_no_mark_unless_somebody_said_so() {
+    fn a_mark_that_is_mostly_contradicted_is_false_unless_it_was_given() {
         let mut track_store = TrackStore::default();
         track_store.named(0, Point3::origin());
         (1..4).for_each(|it| track_store.initiate(Point3::new(f64::from(it), 0.0, 0.0)));

@@ -1,4 +1,4 @@
-//! Frames gathered for a model, and what stands in for a model before there is one.
+//! Frames gathered for a model, and a rigid model until there is one.
 
 use std::collections::BTreeMap;
 
@@ -10,9 +10,9 @@ use nalgebra::{DMatrix, Matrix3, Point3};
 
 use super::settings::ShapeSettings;
 
-/// While nothing is known of a surface, each of its marks is taken to move by this much [m].
+/// Assumed movement of each mark of an unknown surface [m].
 const UNKNOWN_MOVEMENT: f64 = 5e-3;
-/// A mark counts when this share of the frames has it.
+/// A mark is included when this share of the frames has it.
 const OFTEN: f64 = 0.5;
 
 /// Frames of marks in the world.
@@ -38,7 +38,7 @@ impl Capture {
         self.frames.is_empty()
     }
 
-    /// The model, and of how many frames it was made.
+    /// The model, and the number of frames that it was made from.
     pub(super) fn model(&self, settings: &ShapeSettings) -> Result<(ShapeModel, usize), AcquisitionError> {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         self.frames.iter().flat_map(|it| it.keys()).for_each(|it| *counts.entry(*it).or_default() += 1);
@@ -58,7 +58,7 @@ impl Capture {
     }
 }
 
-/// The surface as it was when first seen, as if it were rigid; marks that come later are added to it.
+/// The surface at its first observation, assumed to be rigid; later marks are added to it.
 #[derive(Debug, Default)]
 pub(super) struct Rigid {
     places: BTreeMap<u32, Point3<f64>>,

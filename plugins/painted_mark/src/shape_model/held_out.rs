@@ -1,8 +1,8 @@
-//! How far filled marks are off, told by marks that are seen: some are held out of a fit as if they were hidden, and where they would have been filled is held against where they are.
+//! Errors of filled marks by cross-validation: some seen marks are held out of a fit as if they were hidden, and compared with their filled positions.
 //!
-//! What a model states of hidden marks holds for what it was made of. Skin that moves otherwise is farther off, and nobody sees it; but nor do neighbours at the rim of what is seen know what moves a mark there. So
-//! at each moment the seen marks around the one that is nearest to a hidden mark are held out, and the variances that are stated of filled marks are multiplied by how far these were off, mean square of late, over what had
-//! been stated of them: never less than 1. This is cross-validation as M. Stone has it ("Cross-validatory choice and assessment of statistical predictions", Journal of the Royal Statistical Society B 36, 1974).
+//! A model's covariance of hidden marks is valid for the captured shapes. Other movements of the skin have larger errors, which are not observed at hidden marks. So
+//! at each moment the seen marks around the one that is nearest to a hidden mark are held out, and the variances of filled marks are multiplied by the recent mean square error of these, over the
+//! variance stated for them, at least 1. This is the cross-validation of M. Stone ("Cross-validatory choice and assessment of statistical predictions", Journal of the Royal Statistical Society B 36, 1974).
 
 use foveate::estimation::Summary;
 use foveate::geometry::{FitOptions, FittedShape, MarkObservation, ShapeFitter};
@@ -10,19 +10,19 @@ use nalgebra::Point3;
 
 use super::leftover::Leftover;
 
-/// Marks as near as this to the one that is chosen are held out with it [m].
+/// Marks this near to the chosen one are held out with it [m].
 const REACH_M: f64 = 0.025;
-/// Marks that are remembered: each counts for less by one part in so many with each that follows.
+/// Memory of held-out marks: the weight of each decreases by one part in this with each later one.
 const MEMORY: f64 = 400.0;
-/// As many marks as these are taken to have been off as stated, before there are any.
+/// Number of virtual marks without excess error as a prior.
 const BELIEVED: f64 = 30.0;
-/// A mark counts for no more than so many standard deviations.
+/// Largest error of a mark that is used, in standard deviations.
 const MOST_SIGMAS: f64 = 6.0;
 
 /// Marks held out so far.
 pub(super) struct HeldOut {
     fitter: ShapeFitter,
-    /// Sums of squared distances, and of what was stated of them [m²].
+    /// Sums of squared errors, and of their stated variances [m²].
     off: f64,
     stated: f64,
     n: f64,
@@ -32,12 +32,12 @@ pub(super) struct HeldOut {
 }
 
 impl HeldOut {
-    /// Of a fitter with its model.
+    /// For a fitter with its model.
     pub fn of(fitter: &ShapeFitter) -> HeldOut {
         HeldOut { fitter: fitter.clone(), off: 0.0, stated: 0.0, n: 0.0, turn: 0, all_mm: Vec::new() }
     }
 
-    /// What the variances of filled marks are to be multiplied by [–].
+    /// Factor on the variances of filled marks [–].
     pub fn factor(&self) -> f64 {
         if self.stated <= 0.0 {
             return 1.0;
@@ -46,12 +46,12 @@ impl HeldOut {
         ((self.off + believed) / (self.stated + believed)).max(1.0)
     }
 
-    /// How far they were off [mm].
+    /// Errors of held-out marks [mm].
     pub fn off_mm(&self) -> Option<Summary> {
         Summary::of(&self.all_mm)
     }
 
-    /// Holds out marks of those that are `seen` at a moment, of which `fitted` has them all; with fewer than `least` left there is nothing to learn.
+    /// Holds out some marks of `seen` at a moment, whose fit is `fitted`; does nothing with fewer than `least` left.
     pub fn learn(&mut self, seen: &[MarkObservation], fitted: &FittedShape, least: usize, options: &FitOptions) {
         let place = |label: u32| self.fitter.model().index_of(label).map(|it| fitted.marks[it].position);
         let seen: Vec<(MarkObservation, Point3<f64>)> = seen

@@ -1,7 +1,7 @@
-//! What a model leaves of the marks that are seen says what it leaves of those beside them.
+//! Residuals of seen marks predict the residuals of hidden marks nearby.
 //!
-//! Skin that swings or is pushed together does so in patches of centimetres, which a linear model of shapes that were shown does not have. What is left at seen marks is taken for a
-//! random field of two parts, one that is alike over [`REACH_M`] and one of each mark's own, whose variances are found from the very same marks:
+//! Skin that swings or folds does so in patches of centimetres, which a linear model of captured shapes does not contain. The residuals at seen marks are modelled as a
+//! random field of two parts, one correlated over [`REACH_M`] and one independent for each mark, whose variances are estimated from the same marks:
 //!
 //! cov(rᵢ, rⱼ) = s² wᵢⱼ + n² δᵢⱼ with wᵢⱼ = exp(−dᵢⱼ² / 2ℓ²); s² by least squares over all pairs, s² = Σ wᵢⱼ rᵢ·rⱼ / 3 Σ wᵢⱼ², n² the rest of the variance.
 //!
@@ -9,16 +9,16 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 
-/// ℓ: half the distance over which neighbours on a face or a knee go together [m].
+/// ℓ: half of the correlation length of residuals on a face or a knee [m].
 const REACH_M: f64 = 0.025;
-/// Fewer marks than this say nothing of their neighbours.
+/// Fewest marks for a prediction.
 const LEAST: usize = 8;
-/// The least part of the common variance that is each mark's own: keeps the system solvable.
+/// Smallest independent part of the variance: keeps the system solvable.
 const OWN: f64 = 0.05;
 
-/// The part of what is left that is alike over centimetres.
+/// The correlated part of the residuals.
 pub(super) struct Leftover {
-    /// Where the model has the seen marks, with s² aⱼ.
+    /// Model positions of the seen marks, with s² aⱼ.
     seen: Vec<(Point3<f64>, Vector3<f64>)>,
     /// s² [m²].
     variance: f64,
@@ -27,7 +27,7 @@ pub(super) struct Leftover {
 }
 
 impl Leftover {
-    /// Of where the model has the seen marks, and by how much they are elsewhere [m]. `None` where neighbours have nothing in common.
+    /// From the model positions of the seen marks and their residuals [m]. `None` where neighbours are uncorrelated.
     pub fn of(seen: &[(Point3<f64>, Vector3<f64>)]) -> Option<Leftover> {
         let n = seen.len();
         if n < LEAST {
@@ -58,12 +58,12 @@ impl Leftover {
         Some(Leftover { seen: seen.iter().map(|it| it.0).zip(answers).collect(), variance, matrix })
     }
 
-    /// By how much a mark that the model has at `place` is expected to be elsewhere [m].
+    /// Expected residual of a mark with the model position `place` [m].
     pub fn at(&self, place: &Point3<f64>) -> Vector3<f64> {
         self.seen.iter().map(|(seen, answer)| answer * alike(seen, place)).sum()
     }
 
-    /// What seen marks leave open of that, on each axis [m²].
+    /// Variance of that expectation on each axis [m²].
     pub fn variance_at(&self, place: &Point3<f64>) -> f64 {
         let common = DVector::from_iterator(self.seen.len(), self.seen.iter().map(|it| alike(&it.0, place)));
         let known = self.variance * common.dot(&self.matrix.solve(&common));

@@ -1,4 +1,4 @@
-//! `painted_mark.shape_model`: the pose of a head or knee, its shape, and the marks that are hidden [Davis 2002 §5.4].
+//! `painted_mark.shape_model`: estimates the pose and shape of a head or knee, and its hidden marks [Davis 2002 §5.4].
 
 mod capture;
 mod held_out;
@@ -33,32 +33,32 @@ ports! {
 }
 
 figures! {
-    "shape.frames": count, neither, "Frames of marks that came in";
-    "shape.frames_without_fit": count, low, "Of these, frames whose marks fixed no pose";
+        "shape.frames": count, neither, "Frames of marks received";
+        "shape.frames_without_fit": count, low, "Frames with too few marks for a pose";
     "shape.acquired_from_frames": count, neither, "Frames of this run that the model was made from";
     "shape.marks": count, neither, "Marks of the model";
-    "shape.fitted_frames": count, neither, "Frames that the model was fitted to; those before it was there are left out";
+        "shape.fitted_frames": count, neither, "Frames that the model was fitted to; earlier ones are left out";
     "shape.all_marks_measured": share, high, "Fitted frames in which no mark had to be filled";
     "shape.filled": count, neither, "Marks filled by the model, over all fitted frames";
-    "shape.left_out": count, low, "Hidden marks of the model that were left out since more than most_sigma_mm is stated of them, over all fitted frames";
+        "shape.left_out": count, low, "Hidden marks left out because their standard deviation exceeds most_sigma_mm, over all fitted frames";
     "shape.contradicting": count, low, "Measured marks that contradicted all others and were filled, over all fitted frames";
     "shape.frames_out_of_distribution": count, low, "Fitted frames whose out-of-distribution score is 1 or more";
     "shape.fit_rms_mm.{median,p95}": mm, low, "Root mean square distance of the measured marks of a frame from the fitted model, over fitted frames";
     "shape.filled_sigma_mm.median": mm, low, "Stated standard deviation of filled marks, of one axis";
-    "shape.held_out_mm.{median,p95}": mm, low, "Measured marks that were held out of a fit with those beside them, as if they were hidden: distance from where they would have been filled";
+    "shape.held_out_mm.{median,p95}": mm, low, "Distance of measured marks from their filled positions when held out of a fit with their neighbours, as if they were hidden";
 }
 
-/// Variance of a velocity about which nothing is known [m²/s²].
+/// Variance of an unknown velocity [m²/s²].
 const UNKNOWN_VELOCITY: f64 = 1e6;
 
-/// Marks as they were measured come in; all marks of the model go out, in a space that moves with the head (the knee): the measured ones where they were
-/// measured, the hidden ones where the model has them, and what it leaves of their neighbours has them move, `filled`, with a covariance. That of a filled mark holds what is uncertain of the head's pose, too: it is about the
-/// mark's place among the measured ones; it grows with how far measured marks are off that are held out as if they were hidden, and where cameras would see the mark if it were there. Measured marks that contradict all others are filled as well.
+/// Measured marks in, all marks of the model out, in a space that moves with the head (the knee): measured ones at their measured
+/// positions, hidden ones `filled` by the model and the residuals of their neighbours, with a covariance. That of a filled mark includes the uncertainty of the head's pose: it describes the
+/// mark's position relative to the measured ones; it grows with the errors of held-out measured marks, and where cameras should see the mark but do not. Measured marks that contradict all others are filled as well.
 ///
-/// The model is read from a file, or acquired from this very session. Until it is there, and without any, the surface is taken for rigid: marks go out as measured, with
+/// The model is read from a file, or acquired from this session. Without a model the surface is assumed to be rigid: marks are sent as measured, with
 /// a pose. The axes of the space are those of the first complete frame, which are the world's for marks from `painted_mark.integrator`; its origin is in the middle of the mean shape.
 ///
-/// `targets` are the same marks in the space of the node's scale, numbered by label; in a scale whose space moves, `space` has to be connected to the anchors, otherwise they are in the world.
+/// `targets` are the same marks in the space of the node's scale, numbered by label; for a moving scale, `space` has to be connected to its anchors, otherwise they are in the world.
 pub struct Shape {
     settings: ShapeSettings,
     stage: Stage,
@@ -66,7 +66,7 @@ pub struct Shape {
     held_out: Option<HeldOut>,
     unseen: Option<Unseen>,
     spaces: Option<Spaces>,
-    /// Where marks were last in the scale's space.
+    /// Last positions of the marks in the scale's space.
     last: BTreeMap<u32, Point3<f64>>,
     last_time: Option<Time>,
     write_to: Option<PathBuf>,
@@ -75,7 +75,7 @@ pub struct Shape {
 }
 
 enum Stage {
-    /// The fitter has a model without bases, of what was seen so far.
+    /// The fitter has a model without bases, from the marks seen so far.
     Rigid { surface: Rigid, capture: Option<Capture> },
     /// The fitter has a model.
     Modelled { n_frames: Option<usize> },
@@ -98,7 +98,7 @@ struct Tally {
 impl Node for Shape {
     const TYPE: &'static str = "painted_mark.shape_model";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str = "Fits a model of a face or knee to marks: pose and shape, hidden marks filled";
+    const SUMMARY: &'static str = "Fits a shape model of a face or knee to marks, and fills in hidden marks";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ShapeSettings;
 
@@ -201,7 +201,7 @@ impl Node for Shape {
 }
 
 impl Shape {
-    /// What goes out for the marks of one time, or why nothing does: nothing at all, or no targets.
+    /// The output for the marks of one time, or why there is none: no output at all, or no targets.
     fn step(&mut self, measured: &Marks) -> Result<(Marks, Result<Targets, String>), String> {
         self.tally.frames += 1;
         self.acquire(measured);
@@ -317,7 +317,7 @@ impl Shape {
         }
     }
 
-    /// The same marks in the scale's space. What is uncertain of the whole is that of the marks that came in.
+    /// The same marks in the scale's space. The uncertainty of the whole is that of the received marks.
     fn targets(&mut self, measured: &Marks, marks: &Marks, own_from_world: &UncertainPose) -> Targets {
         let whole = UncertainPose { transform: measured.world_from_marks, covariance: measured.covariance };
         let own_from_marks = own_from_world.then_from(&whole);
@@ -349,7 +349,7 @@ impl Shape {
     }
 }
 
-/// Where the model has the marks of `seen`, and by how much they are elsewhere, in its space [m].
+/// Model positions of the marks of `seen`, and their residuals, in the model's space [m].
 fn left_of(seen: &[Mark], fitted: &FittedShape, fitter: &ShapeFitter) -> Vec<(Point3<f64>, Vector3<f64>)> {
     let left = |it: &Mark| {
         let place = fitted.marks[fitter.model().index_of(it.label)?].position;
@@ -362,19 +362,19 @@ fn left_of(seen: &[Mark], fitted: &FittedShape, fitter: &ShapeFitter) -> Vec<(Po
 struct Filling<'a> {
     held_out: Option<&'a HeldOut>,
     unseen: Option<&'a Unseen>,
-    /// Standard deviation of one axis; hidden marks of which more is stated are left out [m].
+    /// Largest standard deviation of one axis; hidden marks with a larger one are left out [m].
     most_sigma: f64,
 }
 
 impl Filling<'_> {
-    /// What is known of the filled mark number `mark`, of which the model states `covariance` and its neighbours leave `open` on each axis [m²].
+    /// Covariance of the filled mark number `mark`, with the model's `covariance` and its neighbours' variance `open` on each axis [m²].
     fn covariance(&self, mark: usize, covariance: &Matrix3<f64>, open: f64) -> Matrix3<f64> {
         let as_stated = (covariance + Matrix3::identity() * open) * self.held_out.map_or(1.0, HeldOut::factor);
         as_stated + Matrix3::identity() * self.unseen.map_or(0.0, |it| it.variance(mark))
     }
 }
 
-/// The measured marks in the space of the shape, and those of the model beside them that were not measured, or wrong, as `filling` says.
+/// The measured marks in the space of the shape, and the model's marks that were not measured, or wrong, by `filling`.
 fn place(measured: &Marks, fitted: &FittedShape, model: Option<&ShapeFitter>, filling: &Filling<'_>) -> Marks {
     let turn = fitted.measured_from_shape.rotation.to_rotation_matrix();
     let into_shape = |covariance: &Matrix3<f64>| turn.transpose() * covariance * turn;

@@ -1,17 +1,17 @@
-//! Settings of the model of shape, with the reasons for their defaults.
+//! Settings of the shape model, with the reasons for their defaults.
 
 use foveate::geometry::{AcquisitionOptions, ShapeKind};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which bases a shape is put together from.
+/// Bases of a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// The most extreme of the captured shapes, with weights in 0..=1, as [Davis 2002 §5.4].
+    /// The most extreme of the captured shapes, with weights in 0..=1, as in [Davis 2002 §5.4].
     Faces,
-    /// Principal components, with how much each was seen to vary.
+    /// Principal components with their variances.
     #[default]
     Components,
 }
@@ -20,49 +20,49 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShapeSettings {
-    /// A model that was acquired before, as written by `write`; a relative path starts at the rig's folder; empty: there is none [–]
+    /// An earlier model, written by `write`; a relative path starts at the rig's folder; empty: none [–]
     pub model: String,
-    /// Without `model`: a model is acquired from the frames of this session from this time on … [s]
+    /// Without `model`: start of the interval of this session from which a model is acquired [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub acquire_from_s: f64,
-    /// … until this time, while somebody shows all that the face or knee can do; 0: no model, the surface is taken to be rigid [s]
+    /// End of that interval, in which the person shows all movements of the face or knee; 0: no model, the surface is assumed to be rigid [s]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub acquire_until_s: f64,
     /// File of the results folder for the acquired model; empty: it is not written [–]
     pub write: String,
-    /// Which bases a shape is put together from [–]
+    /// Bases of a shape [–]
     pub kind: Kind,
-    /// Bases at most [–]
+    /// Most bases [–]
     #[schemars(range(min = 1, max = 1000))]
     pub bases: u32,
-    /// Frames at most that a model is made from, evenly spread over those captured: time and memory grow with them [–]
+    /// Most frames for a model, evenly spread over those captured: time and memory grow with them [–]
     #[schemars(range(min = 2, max = 10000))]
     pub frames: u32,
-    /// A frame counts while acquiring when it has at least this share of the marks, a mark when half of the frames have it [–]
+    /// A frame is used for a model when it has at least this share of the marks; a mark is used when half of the frames have it [–]
     #[schemars(range(min = 0.3, max = 1.0))]
     pub complete: f64,
-    /// Noise of a captured mark, one axis, at least: what the marks' own covariances leave out [mm]
+    /// Additional noise of a captured mark, one axis, beyond the marks' own covariances [mm]
     #[schemars(range(min = 0.001, max = 100.0))]
     pub noise_mm: f64,
-    /// For components: how much of its movement a mark may make in ways that were not captured, together with its neighbours [–]
+    /// For components: allowed movement beyond the captured ones, correlated between neighbours, relative to a mark's captured movement [–]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub unseen: f64,
-    /// Marks this far apart still move together in such ways [mm]
+    /// Correlation length of such movement [mm]
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub reach_mm: f64,
-    /// A mark farther than this from where all others have it is not that mark; it is filled in its place [standard deviations]
+    /// A mark farther than this from its position by all others is wrong; it is filled instead [standard deviations]
     #[schemars(range(min = 3.0, max = 1000.0))]
     pub gate_sigmas: f64,
-    /// A hidden mark of which more than this is stated, standard deviation of one axis, is left out rather than filled; 0: all are filled [mm]
+    /// A hidden mark with a larger standard deviation of one axis is left out rather than filled; 0: all are filled [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub most_sigma_mm: f64,
-    /// With fewer marks of the model measured there is no fit [–]
+    /// Fewest measured marks of the model for a fit [–]
     #[schemars(range(min = 3, max = 1000))]
     pub min_marks: u32,
 }
 
 impl Default for ShapeSettings {
-    /// For a face of 40 to 80 marks, seen with a few tenths of a millimetre.
+    /// For a face of 40 to 80 marks, measured to a few tenths of a millimetre.
     fn default() -> Self {
         Self {
             model: String::new(),
@@ -113,7 +113,7 @@ impl ShapeSettings {
         Ok(())
     }
 
-    /// How a model is made of marks that are known to `sigma` [m].
+    /// Options for a model from marks with the standard deviation `sigma` [m].
     pub(super) fn options(&self, sigma: f64) -> AcquisitionOptions {
         AcquisitionOptions {
             kind: match self.kind {

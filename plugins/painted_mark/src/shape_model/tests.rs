@@ -305,7 +305,7 @@ fn targets_are_in_the_space_of_the_scale() {
     setup.connected = vec!["space".to_owned()];
     let (mut face, mut shape) = (Face::new(), Shape::new(ShapeSettings::default(), &setup).unwrap());
     let measured = face.marks(1.0, |_| true);
-    assert!(shape.step(&measured).unwrap().1.unwrap_err().contains("face"), "nobody said yet where it is");
+    assert!(shape.step(&measured).unwrap().1.unwrap_err().contains("face"), "its pose is unknown yet");
     let parent_from_scale = Isometry3::translation(0.5, 0.2, 1.5);
     shape.spaces.as_mut().unwrap().learn(&ScaleSpace {
         scale: ScaleId(1),

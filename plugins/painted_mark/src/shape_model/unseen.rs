@@ -1,8 +1,8 @@
-//! Whether a mark is hidden where the model has it, or is elsewhere.
+//! Whether an unseen mark is hidden at its model position, or is elsewhere.
 //!
-//! Lips that are pressed together and lids that close take their marks along into a fold: at just the shapes of which nothing was captured of these marks. The model then has them where
-//! cameras would see them, and what it states of them holds for what was captured. That they are not seen tells: a camera that sees most of the marks around one would see that one too, nine times out of ten (p).
-//! Where three cameras or more, n, would, with π for how often a mark is elsewhere,
+//! Closed lips and lids hide their marks in a fold, in shapes of which these marks were never captured. Their model positions are then where
+//! cameras would see them, and their stated covariances are too small. That they are not seen is evidence: a camera that sees most of the marks around one would see that one too, nine times out of ten (p).
+//! Where three cameras or more, n, would, with π the prior probability of a mark elsewhere,
 //!
 //! P(elsewhere | unseen) = π / (π + (1 − π) (1 − p)ⁿ)
 //!
@@ -13,18 +13,18 @@ use std::collections::BTreeMap;
 use foveate::geometry::ShapeModel;
 use foveate::messages::{CameraId, CameraSet, Mark};
 
-/// Marks that are asked about what a camera sees around one.
+/// Number of neighbours that define whether a camera sees the surroundings of a mark.
 const AROUND: usize = 16;
-/// A camera sees what is around a mark when it sees this part of them.
+/// A camera sees the surroundings of a mark when it sees this part of them.
 const MOST: f64 = 0.6;
-/// π: a mark is elsewhere so often.
+/// π: prior probability that a mark is elsewhere.
 const ELSEWHERE: f64 = 0.01;
-/// p: a camera that sees what is around a mark sees the mark so often.
+/// p: probability that a camera that sees the surroundings of a mark sees the mark.
 const SEEN: f64 = 0.9;
-/// Fewer cameras than this may all have something before them.
+/// Fewer cameras than this may all be occluded.
 const LEAST_CAMERAS: usize = 3;
 
-/// What is known of the marks of a model.
+/// Visibility of the marks of a model.
 pub(super) struct Unseen {
     /// By mark: its nearest ones.
     around: Vec<Vec<usize>>,
@@ -64,7 +64,7 @@ impl Unseen {
         }
     }
 
-    /// How many cameras see most of what is around a mark.
+    /// Number of cameras that see most of the surroundings of a mark.
     fn n_looking(&self, mark: usize) -> usize {
         let mut counts: BTreeMap<CameraId, usize> = BTreeMap::new();
         for camera in self.around[mark].iter().flat_map(|it| self.cameras[*it].iter()) {
@@ -74,7 +74,7 @@ impl Unseen {
         counts.values().filter(|it| **it as f64 >= enough).count()
     }
 
-    /// What it adds to the variance on each axis of the mark, which is not measured, that it may be elsewhere [m²].
+    /// Additional variance on each axis of an unmeasured mark because it may be elsewhere [m²].
     pub fn variance(&self, mark: usize) -> f64 {
         let n = self.n_looking(mark);
         if n < LEAST_CAMERAS {

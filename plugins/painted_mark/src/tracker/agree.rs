@@ -1,4 +1,4 @@
-//! Whether what was found agrees with itself: a mark moves as its neighbours do, two marks are not one dot, and of a blurred picture nothing is believed.
+//! Consistency checks: a mark moves as its neighbours do, two marks are not one dot, and blurred pictures are rejected.
 
 use nalgebra::Vector2;
 
@@ -6,17 +6,17 @@ use super::mark_tracker::{MarkTracker, SAME_GUESS_PX};
 use super::neighbours::Neighbours;
 use super::track::{Found, Track};
 
-/// Neighbours are asked up to this far away [px].
+/// Largest distance of neighbours [px].
 const NEIGHBOUR_PX: f64 = 100.0;
-/// With fewer tracks than this that were seen in two pictures, whoever was found is asked.
+/// With fewer tracks that were seen in two pictures, all found tracks are used as neighbours.
 const LEAST_TRUSTED: usize = 3;
-/// A picture in which less than this part of so many tracks is found tells nothing.
+/// A picture in which less than this part of so many tracks is found is rejected.
 const LEAST_PART: f64 = 0.4;
 const LEAST_FOR_BLUR: usize = 8;
 
 impl MarkTracker {
-    /// What the neighbours of track `at` did beyond what was expected. Those that were seen in the picture before are asked, where there are any: others
-    /// may have found the wrong thing, and all the same one.
+    /// Motion of the neighbours of track `at` beyond their predictions. Tracks that were seen in the picture before are preferred: others
+    /// may all have found the same wrong dot.
     pub(super) fn neighbours(&self, at: usize) -> Neighbours {
         let is_trusted = |it: &Track| it.is_seen() && it.found.is_some();
         let has_trusted = self.tracks.iter().filter(|it| is_trusted(it)).count() >= LEAST_TRUSTED;
@@ -25,7 +25,7 @@ impl MarkTracker {
         Neighbours::of(self.tracks[at].expected, NEIGHBOUR_PX, strays)
     }
 
-    /// Who moves unlike its neighbours is looked for where they went. Who was lost and has no neighbours stays so.
+    /// Searches marks that move unlike their neighbours again at the place predicted by these. A lost mark without neighbours stays lost.
     pub(super) fn compare(&mut self, shift: Vector2<f64>) {
         let jump_px = self.settings.jump_px;
         // Twice: the first round takes strays away that would mislead the second.
@@ -53,7 +53,7 @@ impl MarkTracker {
         }
     }
 
-    /// Two tracks on one dot: a name counts more than none; of two names, nobody knows.
+    /// Two tracks on one dot: a labelled one is kept; of two labelled ones, both are ambiguous.
     pub(super) fn part(&mut self) {
         let apart = self.apart();
         for a in 0..self.tracks.len() {
@@ -73,7 +73,7 @@ impl MarkTracker {
         }
     }
 
-    /// A picture in which most are missing at once is blurred by motion: what is found in it lies anywhere along the way.
+    /// A picture in which most are missing at once is blurred by motion: marks found in it are unreliable.
     pub(super) fn pass_over_blur(&mut self) {
         // Those that were seen just before; in the next blurred picture there are none, and all that are looked for have to do.
         let n_seen = self.tracks.iter().filter(|it| it.is_seen()).count();

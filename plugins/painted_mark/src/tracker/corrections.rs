@@ -1,4 +1,4 @@
-//! Places put right by hand: which mark is where in which picture [Davis 2002 §5.1, Fig. 56].
+//! Corrections by hand: positions of marks in pictures [Davis 2002 §5.1, Fig. 56].
 //!
 //! A table with the heading `camera,mark,frame,u_px,v_px`. `frame` is the sequence number of the picture; a row without a place says that the mark is not visible
 //! from there on, until it is found again.
@@ -13,7 +13,7 @@ pub struct Correction {
     pub frame: u64,
     /// Which mark.
     pub mark: u32,
-    /// Where it is in raw pixels of the camera; `None`: not visible from here on.
+    /// Its position in raw pixels of the camera; `None`: not visible from here on.
     pub pixel: Option<Point2<f64>>,
 }
 
@@ -63,7 +63,7 @@ pub fn read(text: &str, camera: Option<&str>, known: impl Fn(&str) -> bool) -> R
         let pixel = match (u, v) {
             ("", "") => None,
             ("", _) | (_, "") => {
-                return Err(format!("line {line}: found half a place, `{u},{v}`, expected two numbers or none"));
+                return Err(format!("line {line}: found one coordinate, `{u},{v}`, expected two numbers or none"));
             }
             (u, v) => Some(Point2::new(number("u_px", u)?, number("v_px", v)?)),
         };
@@ -123,7 +123,7 @@ mod tests {
             ("ptz-1,1,-1,2,3", "`-1` as frame"),
             ("ptz-1,5000000000,0,2,3", "5000000000"),
             ("ptz-1,1,0,nan,3", "`nan` as u_px"),
-            ("ptz-1,1,0,2,", "half a place"),
+            ("ptz-1,1,0,2,", "one coordinate"),
             ("nobody,1,0,2,3", "`nobody`"),
         ] {
             let message = after(row);

@@ -1,4 +1,4 @@
-//! Two pictures, the one before and the present one, and how one track is found again in the second.
+//! The previous and the present picture, and the search of one track in the present one.
 
 use foveate::imaging::{Dot, DotFinder, ImageView, ImagingError, LucasKanade, Pyramid, Stabiliser, Template};
 use nalgebra::{Point2, Vector2};
@@ -6,22 +6,22 @@ use nalgebra::{Point2, Vector2};
 use super::settings::TrackerSettings;
 use super::track::{Found, Track};
 
-/// The middle of a dot is this near to where its patch was found, or something is wrong [px].
+/// Largest distance between the centre of a dot and the place where its patch was found [px].
 const DOT_PX: f64 = 1.5;
-/// What a dot keeps of its usual contrast, and what its area may become, as parts of the usual.
+/// Smallest remaining contrast of a dot, and bounds of its area, as parts of the usual values.
 const CONTRAST_KEPT: f64 = 0.5;
 const AREA_KEPT: [f64; 2] = [0.5, 2.0];
-/// The reference is older: of the correlation that is asked for, this is enough.
+/// Part of the required correlation that suffices for the older reference patch.
 const REFERENCE_PART: f64 = 0.8;
 
-/// Two pictures and what looks at them.
+/// Two pictures and their search structures.
 pub(super) struct Eye {
     pub flow: LucasKanade,
     pub finder: DotFinder,
     stabiliser: Option<Stabiliser>,
     pub previous: Pyramid,
     pub current: Pyramid,
-    /// The patch that is searched back.
+    /// The patch for the backward search.
     back: Template,
 }
 
@@ -44,7 +44,7 @@ impl Eye {
         self.current.build(view, levels);
     }
 
-    /// How the whole has moved from the picture before; not at all where nothing tells.
+    /// Dominant motion since the picture before; zero where it cannot be estimated.
     pub fn dominant_motion(&mut self) -> Vector2<f64> {
         let shift = self.stabiliser.as_mut().and_then(|it| it.shift(&self.previous, &self.current));
         shift.map_or(Vector2::zeros(), |it| it.translation)
@@ -55,7 +55,7 @@ impl Eye {
         self.finder.measure(&self.current.level(0), pixel, reach_px)
     }
 
-    /// Looks for `track` about `guess`; `shift` is the motion of the whole.
+    /// Searches `track` near `guess`; `shift` is the dominant motion.
     pub fn look(
         &mut self,
         settings: &TrackerSettings,
@@ -101,7 +101,7 @@ impl Eye {
         correlation >= REFERENCE_PART * settings.min_correlation
     }
 
-    /// Whether what is at `pixel` now leads back to where the track was.
+    /// Whether a backward search from `pixel` leads back to the track.
     fn comes_back(
         &mut self,
         settings: &TrackerSettings,

@@ -1,8 +1,8 @@
-//! Follows the marks of one camera from picture to picture [Davis 2002 §5.1], without a graph.
+//! Tracks the marks of one camera from picture to picture [Davis 2002 §5.1]; knows no graph.
 //!
-//! Each mark is looked for where it was, extrapolated by the motion of the whole, and where its own velocity would bring it (a finite difference). What passes the checks
-//! is compared with its neighbours: who moves unlike them is looked for where they went, and lost if it is not there. A mark that was lost is tried again
-//! for some pictures, and after that has its name from the guide only.
+//! Each mark is searched at its position predicted by the dominant motion, and at that predicted by its own velocity (a finite difference). Marks that pass the checks
+//! are compared with their neighbours: a mark that moves unlike them is searched again at the place predicted by them, and lost if it is not there. A lost mark is searched again
+//! for some pictures; after that it gets its label from the guide only.
 
 use std::collections::VecDeque;
 
@@ -17,18 +17,18 @@ use super::rows::Rows;
 use super::settings::TrackerSettings;
 use super::track::{Tally, Track};
 
-/// A guess that differs less from another is not worth a search of its own [px].
+/// Smallest difference between guesses that are searched separately [px].
 pub(super) const SAME_GUESS_PX: f64 = 0.5;
 /// Pictures after which a dot's reference patch is renewed, and that of a mark that is no dot, which drifts by that.
 const RENEW_FRAMES: [u32; 2] = [10, 30];
-/// A place that was chosen by hand is known about so well [px²].
+/// Variance of a position that was chosen by hand [px²].
 const BY_HAND: f64 = 0.25;
-/// Without a guide, a mark is remembered for so long after it was lost, as long as its neighbours carry it on [frames].
+/// Without a guide, a lost mark is remembered for this long, as long as its neighbours predict it [frames].
 const REMEMBERED_FRAMES: u32 = 30;
-/// Pictures whose motion is remembered, for guides that come late.
+/// Pictures whose motion is stored, for guides that come late.
 const PAST: usize = 16;
 
-/// Follows the marks of one camera.
+/// Tracks the marks of one camera.
 pub struct MarkTracker {
     pub(super) settings: TrackerSettings,
     pub(super) eye: Eye,
@@ -42,19 +42,19 @@ pub struct MarkTracker {
     /// Size and window of the picture before; `None`: there was none.
     last: Option<([u32; 2], Window)>,
     pub(super) window: Window,
-    /// How far the window moved since the picture before, in pixels of the camera.
+    /// Shift of the window since the picture before, in pixels of the camera.
     window_moved: Vector2<f64>,
-    /// Each picture's time and how the whole moved from it to the next, in pixels of the camera.
+    /// Each picture's time and the dominant motion to the next, in pixels of the camera.
     pub(super) past: VecDeque<(Time, Vector2<f64>)>,
     since_search: u32,
     has_guide: bool,
-    /// Nothing is believed of the present picture.
+    /// The present picture is rejected.
     pub(super) is_blurred: bool,
     pub(super) tally: Tally,
 }
 
 impl MarkTracker {
-    /// `camera_rows`: rows of the camera's whole picture; left out, those of each picture as it comes.
+    /// `camera_rows`: rows of the camera's whole picture; left out, those of each received picture.
     ///
     /// # Errors
     /// Names the setting that is out of its range.
@@ -84,11 +84,11 @@ impl MarkTracker {
         })
     }
 
-    /// Works on the next picture and fills `features` with the marks seen in it: those with names ascending, then dots without names in scan order, in pixels
-    /// of the camera. `guide`: where the marks should have been at a time.
+    /// Works on the next picture and fills `features` with the marks seen in it: labelled ones ascending, then unlabelled dots in scan order, in pixels
+    /// of the camera. `guide`: predicted marks at a time.
     ///
     /// # Errors
-    /// A sentence about a picture whose bytes are not as many as its size says; it is passed over.
+    /// A sentence about a picture whose number of bytes does not match its size; it is skipped.
     pub fn see(
         &mut self,
         image: &Image,
@@ -171,7 +171,7 @@ impl MarkTracker {
         Ok(())
     }
 
-    /// Finds all tracks again after the whole has moved by `shift`.
+    /// Searches all tracks after the dominant motion `shift`.
     fn follow(&mut self, shift: Vector2<f64>) {
         let settings = &self.settings;
         for track in &mut self.tracks {
@@ -197,12 +197,12 @@ impl MarkTracker {
         self.settle(shift);
     }
 
-    /// Two dots are not nearer to each other [px].
+    /// Minimum distance between dots [px].
     pub(super) fn apart(&self) -> f64 {
         1.5 * self.settings.radius_px
     }
 
-    /// Takes over what was found; what was not is lost, and extrapolated by its neighbours.
+    /// Updates tracks with what was found; the others are lost, and extrapolated by their neighbours.
     fn settle(&mut self, shift: Vector2<f64>) {
         for at in 0..self.tracks.len() {
             if self.tracks[at].found.is_none() {
@@ -260,7 +260,7 @@ impl MarkTracker {
         }
     }
 
-    /// Takes marks chosen by hand, by name and place [px of the camera], in the picture with this number, which is the next one: all that are visible there. `None`: that picture is past.
+    /// Takes marks chosen by hand, by label and position [px of the camera], in the picture with this number, which is the next one: all that are visible there. `None`: that picture is past.
     pub fn choose(&mut self, marks: &[(u32, Point2<f64>)], frame: Option<u64>) {
         let Some(frame) = frame else {
             self.tally.corrections_missed += marks.len() as u64;
@@ -275,7 +275,7 @@ impl MarkTracker {
         self.corrections.splice(place..place, corrections);
     }
 
-    /// Carries out what was put right by hand for this picture.
+    /// Applies the corrections by hand for this picture.
     fn correct(&mut self, stamp: Stamp) {
         let n_before = self.corrections.partition_point(|it| it.frame < stamp.sequence);
         let n = self.corrections.partition_point(|it| it.frame <= stamp.sequence);
@@ -303,7 +303,7 @@ impl MarkTracker {
         self.corrections.drain(..n);
     }
 
-    /// Looks for dots that nobody follows.
+    /// Searches dots without a track.
     fn search(&mut self) {
         self.since_search = 0;
         self.tally.searches += 1;
@@ -327,7 +327,7 @@ impl MarkTracker {
         self.dots = dots;
     }
 
-    /// The mark that was lost and should be where `dot` is, and nowhere else.
+    /// The lost mark predicted at `dot`, if it is unambiguous.
     fn remembered(&mut self, dot: &Dot, dots: &[Dot]) -> Option<usize> {
         if !self.settings.checks {
             return None;
@@ -358,7 +358,7 @@ impl MarkTracker {
         &mut self.tracks[last]
     }
 
-    /// Forgets a track, and counts how long it was followed.
+    /// Removes a track, and counts its length.
     pub(super) fn end(&mut self, at: usize) {
         let track = &self.tracks[at];
         if track.label.is_some() && track.length > 0 {
@@ -398,7 +398,7 @@ impl MarkTracker {
         self.tally.named_features += features.list.iter().filter(|it| it.label.is_some()).count() as u64;
     }
 
-    /// Counts those that are still followed, and states all figures.
+    /// Counts the remaining tracks, and reports all figures.
     pub(super) fn report(&mut self, camera: &str, report: &mut Report) {
         for track in self.tracks.iter().filter(|it| it.label.is_some() && it.length > 0) {
             self.tally.lengths.push(f64::from(track.length));

@@ -1,4 +1,4 @@
-//! `painted_mark.tracker`: follows the painted marks in the pictures of one camera.
+//! `painted_mark.tracker`: tracks the painted marks in the pictures of one camera.
 
 mod agree;
 mod corrections;
@@ -25,44 +25,44 @@ ports! {
 }
 
 figures! {
-    "tracker.pictures.*": count, neither, "Pictures of the camera that were searched";
-    "tracker.named.mean.*": count, high, "Marks with a name in a picture, mean over all pictures";
-    "tracker.unnamed.mean.*": count, neither, "Dots without a name in a picture, mean over all pictures";
-    "tracker.track_frames.median.*": frames, high, "Pictures from the naming of a mark to its loss, or to the end of the run";
-    "tracker.losses.*": count, low, "Marks with a name that were not found again within patience_frames";
-    "tracker.regained.*": count, neither, "Marks with a name that were found again after they had not been found";
-    "tracker.namings.*": count, neither, "Dots that were named by the guide";
-    "tracker.disputed.*": count, low, "Names taken back since other cameras contradicted them";
+        "tracker.pictures.*": count, neither, "Pictures of the camera that were searched";
+        "tracker.named.mean.*": count, high, "Labelled marks in a picture, mean over all pictures";
+        "tracker.unnamed.mean.*": count, neither, "Unlabelled dots in a picture, mean over all pictures";
+        "tracker.track_frames.median.*": frames, high, "Pictures from the labelling of a mark to its loss, or to the end of the run";
+        "tracker.losses.*": count, low, "Labelled marks that were not found again within patience_frames";
+        "tracker.regained.*": count, neither, "Labelled marks that were found again after a loss";
+        "tracker.namings.*": count, neither, "Dots that were labelled by the guide";
+        "tracker.disputed.*": count, low, "Labels removed because other cameras contradicted them";
     "tracker.searches.*": count, neither, "Searches of a whole picture for new dots";
-    "tracker.corrected.*": count, neither, "Corrections by hand that were carried out";
+        "tracker.corrected.*": count, neither, "Corrections by hand that were applied";
     "tracker.corrections_missed.*": count, low, "Corrections by hand for pictures that never came, or had come before";
-    "tracker.restarts.*": count, low, "Times that all tracks ended since the size of the picture changed";
-    "tracker.pictures_blurred.*": count, low, "Pictures in which most marks were not found at once, as in motion blur; not used";
-    "tracker.pictures_refused.*": count, low, "Pictures that could not be read";
+        "tracker.restarts.*": count, low, "Times that all tracks ended because the size of the picture changed";
+        "tracker.pictures_blurred.*": count, low, "Pictures not used because most marks were lost at once, as in motion blur";
+        "tracker.pictures_refused.*": count, low, "Pictures that could not be used: wrong size or pixels";
 }
 
-/// Pictures in, painted marks out [Davis 2002 §5.1]: with a label those whose names are known, chosen by hand or given by the guide, without one the
-/// dots whose names are not. What is in doubt is left out.
+/// Pictures in, painted marks out [Davis 2002 §5.1]: with a label where it was chosen by hand or given by the guide, without one for
+/// other dots. Doubtful marks are left out.
 pub struct TrackerNode {
     mark_tracker: MarkTracker,
     camera: Option<CameraId>,
     camera_name: String,
-    /// What was chosen by hand in pictures that are still to come.
+    /// Marks chosen by hand in pictures that are still to come.
     chosen: Vec<Chosen>,
     pool: Pool<Features>,
 }
 
-/// Marks chosen by hand in one picture: its time, names and places [px].
+/// Marks chosen by hand in one picture: its time, labels and positions [px].
 type Chosen = (Time, Vec<(u32, Point2<f64>)>);
 
-/// Marks chosen by hand belong to a picture of which they are no farther in time than this.
+/// Largest time between marks chosen by hand and their picture.
 const SAME_PICTURE: Interval = Interval(1_000_000);
 
 impl Node for TrackerNode {
     const TYPE: &'static str = "painted_mark.tracker";
     const ROLE: Role = Role::Detector;
     const SUMMARY: &'static str =
-        "Follows painted marks in the pictures of one camera, chosen by hand or found by themselves";
+        "Tracks painted marks in one camera's pictures, chosen by hand or found automatically";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = TrackerSettings;
 

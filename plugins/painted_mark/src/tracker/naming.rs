@@ -1,7 +1,7 @@
-//! Names of marks from what all cameras together know: the guide says where each mark should have been in a picture.
+//! Labels of marks from all cameras together: the guide gives the predicted position of each mark in a picture.
 //!
-//! What it says is extrapolated to the present picture by the marks that are seen here and that it speaks of, too: the median of what the nearest of them did since. Where there
-//! are none, by the motion of the whole. A dot gets a name when it is near to where that mark should be and neither another dot nor another mark competes.
+//! The guide is extrapolated to the present picture by marks that are both seen here and in the guide: the median motion of the nearest of them since. Without
+//! any, the dominant motion is used. A dot gets a label when it is near the mark's predicted position and neither another dot nor another mark competes.
 
 use foveate::messages::GuidedMark;
 use foveate::prelude::Time;
@@ -10,34 +10,34 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use super::mark_tracker::MarkTracker;
 use super::neighbours::Neighbours;
 
-/// Marks up to this far away carry a place on [px of the camera].
+/// Largest distance of marks that extrapolate a position [px of the camera].
 const CARRIED_BY_PX: f64 = 200.0;
-/// What carrying on adds to the covariance [px²].
+/// Variance added by extrapolation [px²].
 const CARRIED: f64 = 1.0;
-/// The motion of the whole names so many marks at a time, or none.
+/// The dominant motion labels at least this many marks at a time, or none.
 const LEAST_AGREED: usize = 4;
-/// Within three standard deviations, squared; within one where the guide knows a mark worse than carrying it on adds: no camera sees that mark, so none would contradict.
-/// What the motion of the whole names has many others to agree with.
+/// Within three standard deviations, squared; within one where the guide is less certain than the extrapolation: no camera sees that mark, so none would contradict.
+/// Labels by the dominant motion must agree with many others.
 const GATE: f64 = 9.0;
 const HIDDEN_GATE: f64 = 1.0;
 
-/// A second candidate has to be at least this far away where the first is at `near` [px].
+/// Smallest distance of a second candidate where the first is at `near` [px].
 pub(super) fn clear_of(near: f64) -> f64 {
     (2.0 * near).max(near + 2.0)
 }
 
-/// A mark that should be seen and is not.
+/// A mark that should be visible and is not found.
 struct Wanted {
     label: u32,
-    /// Where, in pixels of the present picture.
+    /// Predicted position, in pixels of the present picture.
     place: Point2<f64>,
     covariance: Matrix2<f64>,
-    /// Carried on by the motion of the whole, for want of marks that are seen.
+    /// Extrapolated by the dominant motion, without visible marks nearby.
     is_by_whole: bool,
 }
 
 impl MarkTracker {
-    /// Gives dots the names of `marks`, which were at these places at `time`; `now` is the time of the present picture of `size`.
+    /// Labels dots with `marks`, whose positions are of `time`; `now` is the time of the present picture of `size`.
     pub(super) fn heed(&mut self, time: Time, marks: &[GuidedMark], now: Time, size: [u32; 2]) {
         for mark in marks.iter().filter(|it| it.disputed) {
             // One that was named after that time is another.
@@ -108,7 +108,7 @@ impl MarkTracker {
         }
     }
 
-    /// Where a mark of the guide that is not seen here should be by now. `None`: it is seen, it is disputed, nobody can tell, or that is not in the picture.
+    /// Predicted position of a mark of the guide that is not found here. `None`: it is found, disputed, unpredictable, or outside of the picture.
     fn wanted(
         &self,
         mark: &GuidedMark,
@@ -138,8 +138,8 @@ impl MarkTracker {
         })
     }
 
-    /// How the whole has moved since the picture of `time`, or the next one after it [px of the camera]: pictures of one moment are as far apart as their cameras' clocks, and that
-    /// moment is the time of the first of them. `None` where that is not remembered.
+    /// Dominant motion since the picture of `time`, or the next one after it [px of the camera]: pictures of one moment are as far apart as their cameras' clocks, and that
+    /// moment is the time of the first of them. `None` where that is not stored any more.
     fn motion_since(&self, time: Time) -> Option<Vector2<f64>> {
         let start = self.past.iter().position(|it| it.0 >= time)?;
         if start == 0 && self.past[0].0 > time {

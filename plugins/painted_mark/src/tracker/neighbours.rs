@@ -1,10 +1,10 @@
-//! What the neighbours of a place do: medians over the few that are nearest.
+//! Median motion of the nearest neighbours of a place.
 
 use nalgebra::{Point2, Vector2};
 
-/// This many neighbours are asked.
+/// Number of neighbours.
 const N: usize = 7;
-/// With fewer, nobody knows.
+/// Fewest neighbours.
 const LEAST: usize = 3;
 
 /// The nearest pairs of a place and a motion, gathered one by one.
@@ -12,13 +12,13 @@ pub(super) struct Neighbours {
     about: Point2<f64>,
     /// Ascending by the square of the distance.
     nearest: [(f64, Vector2<f64>); N],
-    /// In which of the four quarters around each of them lies.
+    /// In which of the four surrounding quadrants each of them lies.
     quarters: [u8; N],
     n: usize,
 }
 
 impl Neighbours {
-    /// Of `about`, none further than `far` from it.
+    /// The neighbours of `about`, none farther than `far`.
     pub fn of(about: Point2<f64>, far: f64, all: impl Iterator<Item = (Point2<f64>, Vector2<f64>)>) -> Self {
         let mut neighbours = Self { about, nearest: [(f64::INFINITY, Vector2::zeros()); N], quarters: [0; N], n: 0 };
         for (place, motion) in all {
@@ -43,12 +43,12 @@ impl Neighbours {
         }
     }
 
-    /// Whether they lie in three quarters around or more: what they do tells about the middle, not about something beyond them.
+    /// Whether they lie in three or more quadrants: their motion then interpolates that of the middle.
     pub fn surround(&self) -> bool {
         self.quarters[..self.n].iter().fold(0, |all, it| all | it).count_ones() >= 3
     }
 
-    /// The median of their motions along each axis; `None`: there are not enough.
+    /// The median of their motions along each axis; `None` with too few.
     pub fn median(&self) -> Option<Vector2<f64>> {
         if self.n < LEAST {
             return None;

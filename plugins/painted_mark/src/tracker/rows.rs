@@ -1,15 +1,15 @@
-//! Rolling shutter: where the middle row's moment would have had what other rows saw.
+//! Rolling shutter: converts positions to the exposure time of the middle row.
 //!
-//! Row y of H is exposed (y / (H − 1) − 1/2) T after the middle one, T being the readout; who moves by v in a second, seen from a head that turns, too, was v times that
+//! Row y of H is exposed (y / (H − 1) − 1/2) T after the middle one, T being the readout; a mark with image velocity v, head motion included, was v times that
 //! farther back. v is the step from the picture before, over the time between the two, and half of what that changed since the step before: a difference belongs to half a period ago.
 
 use foveate::prelude::Time;
 use nalgebra::{Point2, Vector2};
 
-/// Steps over a longer time say nothing of a velocity [s].
+/// Longest step from which a velocity is computed [s].
 const LONGEST_S: f64 = 0.15;
 
-/// From places that rows saw to those that the middle row's moment has.
+/// Converts the positions of rows to the time of the middle row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rows {
     readout_s: f64,
@@ -20,14 +20,14 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Of a picture taken at `now` by a camera of `height` rows; `None` where all rows are exposed at once, or nothing is known of how things move.
+    /// For a picture at `now` of a camera with `height` rows; `None` without rolling shutter, or without a picture before.
     pub fn of(readout_ms: f64, height: u32, before: Option<Time>, now: Time) -> Option<Rows> {
         let step_s = (now - before?).as_s();
         let is_known = readout_ms > 0.0 && height > 1 && (1e-4..LONGEST_S).contains(&step_s);
         is_known.then_some(Rows { readout_s: readout_ms * 1e-3, height: f64::from(height), step_s })
     }
 
-    /// Where the middle row's moment has what is seen at `pixel` and moves by `step` from picture to picture, both in pixels of the camera.
+    /// Position at the time of the middle row of a mark seen at `pixel` that moves by `step` per picture, both in pixels of the camera.
     pub fn at_middle(&self, pixel: &Point2<f64>, step: &Vector2<f64>) -> Point2<f64> {
         let late_s = (pixel.y / (self.height - 1.0) - 0.5) * self.readout_s;
         pixel - step * (late_s / self.step_s)

@@ -5,59 +5,59 @@ use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`TrackerNode`](super::TrackerNode). `checks = false`, `reanchor = false` and no `guide` track as [Davis 2002 §5.1] does.
+/// Settings of [`TrackerNode`](super::TrackerNode). `checks = false`, `reanchor = false` and no `guide` track as in [Davis 2002 §5.1].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackerSettings {
-    /// A table of places put right by hand, read at the start: `camera,mark,frame,u_px,v_px` with this heading; `frame` is the sequence number of the picture. Rows of the
-    /// first picture choose marks, later ones put a mark right, an empty place ends it; `{camera}` is the camera's name, `${NAME}` an environment variable; empty: none [–].
+    /// A table of corrections by hand, read at the start: `camera,mark,frame,u_px,v_px` with this heading; `frame` is the sequence number of the picture. Rows of the
+    /// first picture choose marks, later ones correct a mark, an empty position ends it; `{camera}` is the camera's name, `${NAME}` an environment variable; empty: none [–].
     pub marks: String,
-    /// Look for dots. They have no names until the guide gives them some [–].
+    /// Whether dots are searched. They have no labels until the guide gives them some [–].
     pub find: bool,
-    /// The radius of a dot in the picture; dots of half to twice that are found [px].
+    /// Radius of a dot in the picture; dots of half to twice that are found [px].
     #[schemars(range(min = 1.0, max = 20.0))]
     pub radius_px: f64,
-    /// How much darker than its surroundings a dot is in its middle, at least [–].
+    /// Smallest relative contrast of a dot's centre against its surroundings [–].
     #[schemars(range(min = 0.02, max = 1.0))]
     pub min_contrast: f64,
-    /// The colour of the dots in colour pictures, red, green, blue; left out: they are darker than the surface [gray level].
+    /// Colour of the dots in colour pictures, red, green, blue; left out: they are darker than the surface [gray level].
     pub colour: Option<[u8; 3]>,
-    /// Columns and rows of the patch that is looked for, odd. Dots 12 px apart: their neighbours do not come in [px].
+    /// Columns and rows of the searched patch, odd. For dots 12 px apart: neighbouring dots stay outside [px].
     #[schemars(range(min = 5, max = 31))]
     pub window_px: u32,
-    /// Levels of the pyramid that are searched, each half of the one before [–].
+    /// Levels of the search pyramid, each half of the one before [–].
     #[schemars(range(min = 1, max = 8))]
     pub levels: u32,
-    /// The largest motion of the whole from one picture to the next that is made up for, along rows and columns; 0: none is [px].
+    /// Largest compensated dominant motion from one picture to the next, along rows and columns; 0: no compensation [px].
     #[schemars(range(min = 0, max = 1000))]
     pub reach_px: u32,
-    /// Following pictures in which a mark that was lost is tried again: motion blur passes [frames].
+    /// Pictures in which a lost mark is searched again, which bridges motion blur [frames].
     #[schemars(range(min = 0, max = 1000))]
     pub patience_frames: u32,
-    /// Leave out what does not come back to where it was, does not look like before, moves unlike its neighbours or sits on another's dot [–].
+    /// Whether marks are rejected that fail the backward search, change their look, move unlike their neighbours or lie on another's dot [–].
     pub checks: bool,
-    /// Rolling shutter: from the exposure of the camera's first row to that of its last one; pictures are stamped by the middle row. Places go out as that row would have had
-    /// them, by how each mark moves from picture to picture. 0: all rows at once [ms].
+    /// Rolling shutter: from the exposure of the camera's first row to that of its last one; pictures are stamped by the middle row. Positions are converted to the time of that row
+    /// by the motion of each mark from picture to picture. 0: all rows at once [ms].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub readout_ms: f64,
-    /// Put each mark on the middle of its dot again, or on the place of its reference patch; otherwise small errors add up to drift [–].
+    /// Whether each mark is moved to the centre of its dot, or of its reference patch; otherwise small errors accumulate to drift [–].
     pub reanchor: bool,
-    /// A patch that correlates less with what it was is not it [–].
+    /// Smallest correlation of a patch with its predecessor [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_correlation: f64,
-    /// How far a patch that is searched back in the picture before may come from where it was [px].
+    /// Largest distance of the result of a backward search from its origin [px].
     #[schemars(range(min = 0.01, max = 100.0))]
     pub back_px: f64,
-    /// How far a mark may move from one picture to the next beyond what its neighbours do; less than half of what dots are apart [px].
+    /// Largest motion of a mark from one picture to the next relative to its neighbours; less than half of the spacing of dots [px].
     #[schemars(range(min = 0.1, max = 100.0))]
     pub jump_px: f64,
-    /// How far from where it should be a dot may be to be given a name, where no other is half as near [px].
+    /// Largest distance of a dot from a mark's predicted position for labelling, where no other is half as near [px].
     #[schemars(range(min = 0.1, max = 100.0))]
     pub name_px: f64,
-    /// Pictures from one search of the whole for dots to the next; a picture after a loss is searched, too [frames].
+    /// Pictures between two searches of the whole picture for dots; a picture after a loss is searched, too [frames].
     #[schemars(range(min = 1, max = 10000))]
     pub search_every: u32,
-    /// Marks and dots followed at a time, at most [–].
+    /// Most marks and dots tracked at a time [–].
     #[schemars(range(min = 1, max = 10000))]
     pub max_marks: u32,
 }
@@ -89,10 +89,10 @@ impl Default for TrackerSettings {
 }
 
 impl TrackerSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("radius_px", self.radius_px, 1.0..=20.0)?;
         ConfigError::unless_in("min_contrast", self.min_contrast, 0.02..=1.0)?;

@@ -1,28 +1,28 @@
-//! One mark or dot that is followed, and what is counted about all of them.
+//! One tracked mark or dot, and counts over all of them.
 
 use foveate::estimation::statistics::median;
 use foveate::imaging::{Dot, Template};
 use foveate::prelude::{Report, Time};
 use nalgebra::{Matrix2, Point2, Vector2};
 
-/// One mark or dot that is followed. Places are in pixels of the picture as it came (which may be a part of the camera's).
+/// One tracked mark or dot. Positions are in pixels of the received picture (which may be a part of the camera's).
 #[derive(Debug, Clone, Default)]
 pub(super) struct Track {
-    /// Which mark; `None`: a dot without a name.
+    /// The mark's label; `None`: an unlabelled dot.
     pub label: Option<u32>,
-    /// When it got its name.
+    /// Time of labelling.
     pub named: Time,
-    /// Where it is, or where it should be while it is lost.
+    /// Its position, predicted while it is lost.
     pub pixel: Point2<f64>,
     pub covariance: Matrix2<f64>,
-    /// What it did in the last step beyond what the picture did as a whole.
+    /// Its motion in the last step relative to the dominant motion.
     pub velocity: Vector2<f64>,
-    /// The whole of that step, where it was seen before, and what it comes to by the end of it, by the step before that.
+    /// Its whole last step, where it was seen before, extrapolated to the end of the step by the one before.
     pub step: Option<Vector2<f64>>,
     pub pace: Option<Vector2<f64>>,
-    /// Pictures since it was seen; 0: it is seen.
+    /// Pictures since its last observation; 0: it is visible.
     pub lost: u32,
-    /// Pictures in which it was followed without help.
+    /// Pictures in which it was tracked without help.
     pub length: u32,
     /// Its patch in the last picture in which it was seen, but the present one.
     pub template: Template,
@@ -35,12 +35,12 @@ pub(super) struct Track {
     pub look: Option<[f64; 2]>,
     /// The pixels of the dot in the present picture.
     pub area: u32,
-    /// While a picture is worked on: where it should be there, and where it was found.
+    /// In the present picture: its predicted position, and where it was found.
     pub expected: Point2<f64>,
     pub found: Option<Found>,
 }
 
-/// Where a track was found in the present picture.
+/// Result of the search for a track in the present picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Found {
     pub pixel: Point2<f64>,
@@ -53,7 +53,7 @@ impl Track {
         self.lost == 0
     }
 
-    /// Makes a track that was used for another begin at `dot`.
+    /// Starts a track at `dot`, reusing another's memory.
     pub fn begin(&mut self, pixel: Point2<f64>, covariance: Matrix2<f64>, dot: Option<&Dot>) {
         (self.label, self.pixel, self.covariance) = (None, pixel, covariance);
         (self.velocity, self.step, self.pace, self.lost, self.length) = (Vector2::zeros(), None, None, 0, 1);
@@ -64,7 +64,7 @@ impl Track {
     }
 }
 
-/// What is counted.
+/// Counts.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tally {
     pub pictures: u64,
@@ -72,7 +72,7 @@ pub(super) struct Tally {
     pub named_features: u64,
     pub features: u64,
     pub searches: u64,
-    /// Named marks that were not found again within the patience, and that were.
+    /// Labelled marks that were not found again within the patience, and that were.
     pub lost: u64,
     pub regained: u64,
     pub named: u64,
@@ -81,7 +81,7 @@ pub(super) struct Tally {
     pub corrections_missed: u64,
     pub restarts: u64,
     pub blurred: u64,
-    /// Pictures in which named marks were followed from their naming (or choosing) to their loss.
+    /// Pictures in which labelled marks were tracked from their labelling (or choosing) to their loss.
     pub lengths: Vec<f64>,
 }
 

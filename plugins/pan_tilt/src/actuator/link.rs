@@ -1,4 +1,4 @@
-//! The two ways to a head: the line of a simulated one on the clock of the run, and a port with a thread.
+//! The two links to a head: the line of a simulated one on the clock of the run, and a port with a thread.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,11 +12,11 @@ use crate::head::Head;
 use crate::port::Port;
 use crate::visca::{Command, OutOfRange};
 
-/// A simulated line is looked at so often: twice a byte or so at 9600 baud.
+/// Polling interval of a simulated line: twice a byte or so at 9600 baud.
 const LOOK: Interval = Interval(500_000);
-/// And so often while nothing is awaited.
+/// Polling interval while no message is expected.
 pub(super) const IDLE_LOOK: Interval = Interval(2_000_000);
-/// A head that is to stop gets so long to hear it.
+/// Time for a head to receive the stop command.
 const STOPPING: Duration = Duration::from_millis(300);
 
 /// A driver at the line of a simulated head.
@@ -24,26 +24,26 @@ pub(super) struct Simulated {
     driver: Driver,
     line: Line,
     has_datagrams: bool,
-    heard: Vec<u8>,
+    received: Vec<u8>,
 }
 
 impl Simulated {
     pub fn new(mut driver: Driver, line: Line, now: Time) -> Simulated {
         driver.opened(now);
         let has_datagrams = line.device().has_datagrams();
-        Simulated { driver, line, has_datagrams, heard: Vec::new() }
+        Simulated { driver, line, has_datagrams, received: Vec::new() }
     }
 
-    /// Reads what has come, writes what is due.
+    /// Reads received bytes, writes due ones.
     fn turn(&mut self, now: Time) {
         let mut device = self.line.device();
         loop {
-            self.heard.clear();
-            device.read(now, &mut self.heard);
-            if self.heard.is_empty() {
+            self.received.clear();
+            device.read(now, &mut self.received);
+            if self.received.is_empty() {
                 break;
             }
-            self.driver.receive(now, &self.heard);
+            self.driver.receive(now, &self.received);
             if !self.has_datagrams {
                 break;
             }
@@ -53,7 +53,7 @@ impl Simulated {
         }
     }
 
-    /// When to look at the line again.
+    /// Next polling time of the line.
     pub fn next_look(&self, now: Time) -> Time {
         let soon = now + LOOK;
         let idle = now + IDLE_LOOK;
@@ -61,12 +61,12 @@ impl Simulated {
     }
 }
 
-/// A driver on its port. It has a clock of its own, which is put beside the session's as soon as that runs.
+/// A driver on its port. It has its own clock, which is related to the session's as soon as that runs.
 pub(super) struct Device {
     head: Head,
     medium: Medium,
     began: Instant,
-    /// The session's clock when the own one began.
+    /// Session time at the start of the own clock.
     offset: Option<Interval>,
     news: Vec<Event>,
 }
@@ -79,18 +79,18 @@ impl Device {
         Device { head: Head::start(driver, port, clock), medium, began, offset: None, news: Vec::new() }
     }
 
-    /// A turn at session time `now`.
+    /// An activation at session time `now`.
     pub fn fix(&mut self, now: Time) {
         self.offset.get_or_insert_with(|| now - elapsed(self.began));
     }
 
-    /// Whether something has happened that [`Way::events`] has not told.
+    /// Whether there are events that [`Way::events`] has not returned.
     pub fn has_news(&mut self) -> bool {
         self.news.extend(self.head.events());
         !self.news.is_empty()
     }
 
-    /// Stops the motors, and waits a little until the head has heard it.
+    /// Stops the motors, and waits shortly until the head has received it.
     pub fn stop(&self) {
         // No number in it can be out of range.
         let _ = self.head.command(STOP);
@@ -116,7 +116,7 @@ impl Way {
         }
     }
 
-    /// Gives a command to the driver; on a port it is written before this returns if there is room.
+    /// Passes a command to the driver; on a port it is written before this returns if there is room.
     pub(super) fn command(&mut self, now: Time, command: Command) -> Result<CommandId, OutOfRange> {
         match self {
             Way::Simulated(it) => it.driver.command(now, command),
@@ -132,7 +132,7 @@ impl Way {
         }
     }
 
-    /// What happened since the last call, on the clock of the session.
+    /// Events since the last call, on the clock of the session.
     pub(super) fn events(&mut self) -> Vec<Event> {
         match self {
             Way::Simulated(it) => std::iter::from_fn(|| it.driver.next_event()).collect(),

@@ -1,4 +1,4 @@
-//! `pan_tilt.head`: drives one head, and says what became of it.
+//! `pan_tilt.head`: drives one head, and reports its state.
 //!
 //! The driver is the same on hardware and in simulation. On hardware (`port` of [`ActuatorSettings`]) it has a thread that listens, and commands are
 //! written by the thread that brings them; a rig with such a node is live. In simulation it talks over the [`Line`] at the input `line` on
@@ -28,29 +28,29 @@ ports! {
 }
 
 figures! {
-    "heads.*.sent": count, neither, "Command packets sent to that head, those sent again included";
-    "heads.*.replaced": count, neither, "Commands that a newer one replaced before they were sent";
+        "heads.*.sent": count, neither, "Command packets sent to that head, repeated ones included";
+        "heads.*.replaced": count, neither, "Commands replaced by a newer one before they were sent";
     "heads.*.unanswered": count, low, "Messages without an answer in time";
-    "heads.*.buffer_full": count, low, "Messages that the head had no room for";
-    "heads.*.corrected": count, low, "Commands given again since the head stood elsewhere";
-    "heads.*.failed": count, low, "Commands that the head or its line failed to carry out";
-    "heads.*.stray_packets": count, low, "Replies and datagrams that fit no message";
+        "heads.*.buffer_full": count, low, "Messages refused by the head because its buffer was full";
+        "heads.*.corrected": count, low, "Commands repeated because the head stopped elsewhere";
+        "heads.*.failed": count, low, "Commands not carried out by the head or its line";
+        "heads.*.stray_packets": count, low, "Replies and datagrams that match no message";
     "heads.*.garbage_bytes": bytes, low, "Bytes that belonged to no packet";
     "heads.*.lost": count, low, "Times that the head stopped answering";
     "heads.*.away_s": s, low, "Session time in which the head did not answer";
 }
 
-/// Reports hold what happened in so long a time, so that who samples them misses nothing.
+/// Time covered by each report, so that a sampling reader misses nothing.
 const REPORTED: Interval = Interval(1_000_000_000);
-/// How often a zoom is asked for that the settings leave alone [ms].
+/// Interval of zoom inquiries where the settings do not give one [ms].
 const ZOOM_EVERY_MS: f64 = 200.0;
-/// Bytes of the question where the head looks, and of its answer.
+/// Bytes of a position inquiry and its answer.
 const QUESTION_BYTES: f64 = 5.0;
 const ANSWER_BYTES: f64 = 11.0;
 /// Bits of a byte on a serial line, with those that begin and end it.
 const BITS: f64 = 10.0;
 
-/// The actuator of one head. Angles that come in and go out are those of the calibrated axes, or by the data sheet where the calibration has
+/// The actuator of one head. Angles in and out are those of the calibrated axes, or by the data sheet where the calibration has
 /// no head of this name.
 pub struct Actuator {
     settings: ActuatorSettings,
@@ -58,17 +58,17 @@ pub struct Actuator {
     name: String,
     scale: Scale,
     way: Way,
-    /// What waits for the line to be there.
+    /// A command that waits for the line.
     early: Option<HeadCommand>,
     /// The last command of motors and zoom that went to the driver.
     last: [Option<Command>; 2],
     last_motion: CommandId,
-    /// How things are, and since when.
+    /// State of the link, and its start.
     link: Link,
     since: Time,
     events: VecDeque<(Time, HeadEvent)>,
     first: u64,
-    /// Events behind these have been reported.
+    /// Events before this number have been reported.
     reported: u64,
     next_report: Time,
     now: Time,
@@ -90,7 +90,7 @@ enum Way {
 impl Node for Actuator {
     const TYPE: &'static str = "pan_tilt.head";
     const ROLE: Role = Role::Actuator;
-    const SUMMARY: &'static str = "Drives a pan-tilt head that speaks VISCA, and reports where it looks";
+    const SUMMARY: &'static str = "Drives a pan-tilt head that speaks VISCA, and reports its angles";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = ActuatorSettings;
 
@@ -106,7 +106,7 @@ impl Node for Actuator {
         profile.check().map_err(|fault| ConfigError::at("profile", fault))?;
         let Some(camera) = setup.camera else {
             return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name the cameras of the calibration that stand on heads",
+                "found no camera, expected `each` or `camera` to name the cameras of the calibration that are on heads",
             ));
         };
         let port = settings.port(setup)?;
@@ -120,13 +120,13 @@ impl Node for Actuator {
         }
         match (&port, setup.is_connected(&LINE)) {
             (None, false) => {
-                let message = "found neither `port` nor anything at the input `line`, expected one of them: \
-                               where the head is, or the line of a `sim.head`";
+                let message = "found neither `port` nor the input `line`, expected one of them: \
+                               the head's port, or the line of a `sim.head`";
                 return Err(ConfigError::node(message));
             }
             (Some(_), true) => {
                 let message =
-                    "found a port and something at the input `line`, expected one of them: a head is real or simulated";
+                    "found both `port` and the input `line`, expected one of them: a head is real or simulated";
                 return Err(ConfigError::at("port", message));
             }
             _ => {}
@@ -166,7 +166,7 @@ impl Node for Actuator {
             self.obey(command)?;
         }
         self.way.turn(self.now);
-        self.hear(io);
+        self.take_events(io);
         self.report(io);
         Ok(())
     }
@@ -223,7 +223,7 @@ impl Node for Actuator {
 }
 
 impl Actuator {
-    /// Takes up the line of a simulated head, or opens the port of a real one.
+    /// Takes the line of a simulated head, or opens the port of a real one.
     fn get_ready(&mut self, io: &Io<'_>) -> Result<(), NodeError> {
         if let Way::Device(device) = &mut self.way {
             device.fix(self.now);
@@ -252,7 +252,7 @@ impl Actuator {
         Driver::new(self.settings.driver.clone(), self.settings.profile(), medium).map_err(NodeError::program)
     }
 
-    /// Gives a command to the driver, unless the head has it already.
+    /// Passes a command to the driver, unless the head has it already.
     fn obey(&mut self, command: HeadCommand) -> Result<(), NodeError> {
         if command.camera != self.camera {
             let (found, own) = (command.camera.0, self.camera.0);
@@ -276,8 +276,8 @@ impl Actuator {
         Ok(())
     }
 
-    /// Takes over what the driver tells.
-    fn hear(&mut self, io: &mut Io<'_>) {
+    /// Takes over the driver's events.
+    fn take_events(&mut self, io: &mut Io<'_>) {
         for Event { at, what } in self.way.events() {
             let event = match what {
                 What::Link(link) => self.change_link(at, link, io),
@@ -286,19 +286,19 @@ impl Actuator {
                 What::Completed { id }
                     if id == self.last_motion && matches!(self.last[0], Some(Command::Absolute { .. })) =>
                 {
-                    // Who tells it the same again wants to hear that it is there.
+                    // A repeated order needs the report that it is there.
                     self.last[0] = None;
                     Some(HeadEvent::Arrived)
                 }
                 What::Failed { id, why } => {
                     self.n_failed += 1;
-                    // Whoever says it again is heard.
+                    // A repeated order is accepted.
                     self.last = [None, None];
                     if id == self.last_motion {
                         io.gap(
                             &REPORT,
                             at,
-                            format_args!("the head of {} does not do what it is told: {why}", self.name),
+                            format_args!("the head of {} does not execute a command: {why}", self.name),
                         );
                     }
                     None
@@ -324,13 +324,13 @@ impl Actuator {
         }
     }
 
-    /// How long the question where the head looks, and its answer, are on the line. Over IP not worth mentioning.
+    /// Transmission time of a position inquiry and of its answer. Negligible over IP.
     fn line_times(&self) -> [Interval; 2] {
         let byte_s = if self.way.is_serial() { BITS / f64::from(self.settings.baud) } else { 0.0 };
         [QUESTION_BYTES, ANSWER_BYTES].map(|it| Interval::from_s(it * byte_s))
     }
 
-    /// A change of the link is reported where it concerns others: whether the head answers. Why it does not is told as a gap.
+    /// Reports a change of whether the head answers; the reason is sent as a gap.
     fn change_link(&mut self, at: Time, link: Link, io: &mut Io<'_>) -> Option<HeadEvent> {
         let (was, is) = (self.link == Link::Ready, link == Link::Ready);
         if !was {
@@ -361,14 +361,14 @@ impl Actuator {
 fn in_words(link: &Link) -> String {
     match link {
         Link::Closed(reason) => reason.clone(),
-        Link::Greeting => "it has not answered yet".to_owned(),
+        Link::Greeting => "no answer yet".to_owned(),
         Link::Ready => "it answers".to_owned(),
-        Link::Silent => "nothing comes back".to_owned(),
-        Link::Garbled => "what comes back means nothing: another speed of the line, or another device?".to_owned(),
-        Link::NoSuchHead { heads } => format!("its line has {heads} heads, fewer than its `address` says"),
+        Link::Silent => "no answer".to_owned(),
+        Link::Garbled => "the answers are garbled: is this the right baud rate and device?".to_owned(),
+        Link::NoSuchHead { heads } => format!("its line has {heads} heads, fewer than its `address`"),
     }
 }
 
-/// What stops the motors.
+/// Command that stops the motors.
 const STOP: Command =
     Command::Drive { pan: PanDrive::Stop, tilt: TiltDrive::Stop, speed: crate::visca::Speed { pan: 1, tilt: 1 } };

@@ -1,4 +1,4 @@
-//! Which head it is, and how it is reached.
+//! Settings of a head and its connection.
 
 use foveate::prelude::*;
 use schemars::JsonSchema;
@@ -8,7 +8,7 @@ use crate::driver::DriverSettings;
 use crate::port::Port;
 use crate::visca::{Profile, ip};
 
-/// Models of heads that are known.
+/// Supported models of heads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
@@ -23,20 +23,20 @@ pub enum Model {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActuatorSettings {
-    /// Where the head is: the path of a serial port, better a lasting name under `/dev/serial/by-id`, or `udp://HOST` or `udp://HOST:PORT` for
+    /// Port of the head: the path of a serial port, preferably a lasting name under `/dev/serial/by-id`, or `udp://HOST` or `udp://HOST:PORT` for
     /// VISCA over IP; `{camera}` becomes the camera's name. Left out: it is simulated, at the input `line` [–].
     pub port: Option<String>,
-    /// Of the serial line: 9600 with most heads, some can be set to 38400 [bit/s].
+    /// Baud rate of the serial line: 9600 for most heads, some support 38400 [bit/s].
     #[schemars(range(min = 300, max = 1_000_000))]
     pub baud: u32,
-    /// `evi-d30` or `evi-d100` [–].
+    /// Model of the head: `evi-d30` or `evi-d100` [–].
     pub model: Model,
     /// Any other model: digits, units, ranges and speeds, in place of `model` [–].
     pub profile: Option<Profile>,
-    /// Least time between two reports; what happens meanwhile is in the next one [ms].
+    /// Smallest interval between two reports; events in between are in the next one [ms].
     #[schemars(range(min = 0.0, max = 500.0))]
     pub report_every_ms: f64,
-    /// How its line is dealt with.
+    /// Settings of the driver.
     #[serde(flatten)]
     pub driver: DriverSettings,
 }
@@ -63,7 +63,7 @@ impl ActuatorSettings {
         })
     }
 
-    /// Where the head is; `None` when it is simulated.
+    /// Port of the head; `None` when it is simulated.
     ///
     /// # Errors
     /// Points at `port`: an address without a host, or a path as [`Setup::path`] refuses it.

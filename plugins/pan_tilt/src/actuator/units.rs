@@ -1,4 +1,4 @@
-//! Between angles of calibrated axes and the numbers of a head.
+//! Conversion between angles of calibrated axes and the numbers of a head.
 
 use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::{CalibratedHead, HeadOrder};
@@ -12,7 +12,7 @@ struct AxisScale {
     units: AxisUnits,
 }
 
-/// What a head's numbers mean.
+/// Units of a head.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
     pan: AxisScale,
@@ -21,8 +21,8 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// By the calibration of the head, or by the data sheet of its model where the calibration does not state units of the device: it then
-    /// says degrees, of which no head counts whole ones.
+    /// By the calibration of the head, or by the data sheet of its model where the calibration does not state device units: it then
+    /// states degrees, which no head uses as whole units.
     pub fn new(profile: &Profile, calibrated: Option<&CalibratedHead>) -> Scale {
         let axis = |profile: &AxisProfile, units: Option<AxisUnits>| AxisScale {
             profile: profile.clone(),
@@ -37,7 +37,7 @@ impl Scale {
         }
     }
 
-    /// What the head is told; `None` for numbers that are none.
+    /// The command for an order; `None` for invalid numbers.
     pub fn command(&self, order: &HeadOrder) -> Option<Command> {
         match *order {
             HeadOrder::Go { angles, speeds } => {
@@ -62,7 +62,7 @@ impl Scale {
         units.is_finite().then_some(Command::ZoomDirect(nearest as u16))
     }
 
-    /// What a command makes the axes do, as far as the head can; `None` for commands that do not move them to a place or at a rate.
+    /// The motion of the axes by a command, within the head's limits; `None` for commands that do not move them to a position or at a rate.
     pub fn order(&self, command: &Command) -> Option<HeadOrder> {
         match *command {
             Command::Absolute { pan, tilt, speed } => Some(HeadOrder::Go {
@@ -97,12 +97,12 @@ impl Scale {
 }
 
 impl AxisScale {
-    /// The nearest position; beyond the ends it is the end.
+    /// The nearest position within the limits.
     fn position(&self, angle: f64) -> i32 {
         (self.units.units(angle).round() as i32).clamp(self.profile.min_units, self.profile.max_units)
     }
 
-    /// How many of the data sheet's radians one calibrated radian is.
+    /// Ratio of the data sheet's radian to the calibrated radian.
     fn nominal(&self) -> f64 {
         (1f64.to_radians() / (self.units.rad_per_unit * self.profile.units_per_deg)).abs()
     }
@@ -116,7 +116,7 @@ impl AxisScale {
         self.profile.speed_rad_per_s(code).unwrap_or(0.0) / self.nominal()
     }
 
-    /// Which way (-1: left or down, 0, 1: right or up) and how fast; slower than half the slowest speed is standing still.
+    /// Direction (-1: left or down, 0, 1: right or up) and speed; below half the slowest speed the axis stands still.
     fn drive(&self, rate: f64) -> (i8, u8) {
         let slowest = self.speed(1);
         if rate.abs() < slowest / 2.0 {
@@ -130,7 +130,7 @@ impl AxisScale {
         (way, if is_nearer { slower } else { faster })
     }
 
-    /// 1 where the angle grows to the right or up.
+    /// 1 where the angle increases to the right or up.
     fn sign(&self) -> f64 {
         (self.units.rad_per_unit * self.profile.units_per_deg).signum()
     }

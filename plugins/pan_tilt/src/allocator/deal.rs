@@ -1,9 +1,9 @@
-//! Which head follows which target over time: the optimum of each moment, taken up smoothly.
+//! Allocation of heads to targets over time: the optimum of each moment, adopted smoothly.
 //!
-//! Each turn the heads are dealt out anew ([`allocation`](foveate::estimation::allocation)), a head's present target being cheaper to it than
-//! another. The answer becomes the *goal* when it has been better than the last goal for a while. Then heads change over one after
-//! another: a head leaves a target only while two others look at it, or as many as it will have, and have arrived. Where that cannot be, as when two
-//! targets with two heads each exchange one, one head goes ahead.
+//! In each activation the heads are allocated again ([`allocation`](foveate::estimation::allocation)), with a lower cost for a head's present target than
+//! for another. The result becomes the *goal* when it has been better than the last goal for a while. Then heads change over one after
+//! another: a head leaves a target only while two others, or as many as the goal has, look at it and have arrived. Where that is impossible, as when two
+//! targets with two heads each exchange one, one head moves first.
 
 use std::collections::BTreeMap;
 
@@ -14,46 +14,46 @@ use nalgebra::{Point3, Vector3};
 
 use super::settings::AllocatorSettings;
 
-/// Deals out heads to targets.
+/// Allocates heads to targets.
 pub struct Allocator {
     settings: AllocatorSettings,
     heads: Vec<Head>,
     known: BTreeMap<TargetId, Known>,
-    /// By head: its target when all have changed over.
+    /// By head: its target in the goal.
     goal: Vec<Option<TargetId>>,
-    /// Since when another goal has been better.
+    /// Since when another allocation has been better.
     better_since: Option<Time>,
     last: Option<Time>,
     tally: Tally,
 }
 
-/// What happened so far.
+/// Counts so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
-    /// Assignments given out.
+    /// Assignments sent.
     pub assignments: u64,
-    /// Heads that were given another target than their last one.
+    /// Heads that were assigned another target than their last one.
     pub switches: u64,
-    /// Heads that went ahead although their target was left with less than two.
+    /// Heads that moved although their target was left with fewer than two.
     pub forced: u64,
-    /// Targets that were to be looked at, over all assignments.
+    /// Requested targets, over all assignments.
     pub targets: u64,
-    /// Of these: looked at by two heads or more that had arrived.
+    /// Targets with two or more heads that had arrived.
     pub seen_by_two: u64,
 }
 
 struct Head {
     camera: CameraId,
     model: PanTiltHead,
-    /// Where it stands, as far as that is known.
+    /// Its pan and tilt, as far as known.
     setting: Setting,
-    /// It has told where it stands.
-    told: bool,
+    /// It has reported its pan and tilt.
+    has_reported: bool,
     away: bool,
     target: Option<TargetId>,
     /// Its target, or the last one it had.
     last_target: Option<TargetId>,
-    /// When it looks at `target`.
+    /// Arrival time at `target`.
     arrives: Time,
 }
 
@@ -64,7 +64,7 @@ struct Known {
     seen: Time,
 }
 
-/// A head that could look at a target.
+/// A candidate head for a target.
 #[derive(Clone, Copy)]
 struct Reach {
     setting: Setting,
@@ -72,13 +72,13 @@ struct Reach {
 }
 
 impl Allocator {
-    /// Of these heads, which stand at rest.
+    /// For these heads, initially at rest.
     pub fn new(settings: AllocatorSettings, heads: impl IntoIterator<Item = (CameraId, PanTiltHead)>) -> Allocator {
         let head = |(camera, model): (CameraId, PanTiltHead)| Head {
             camera,
             setting: model.limits.clamp(&Setting::default()),
             model,
-            told: false,
+            has_reported: false,
             away: false,
             target: None,
             last_target: None,
@@ -96,13 +96,13 @@ impl Allocator {
         }
     }
 
-    /// What happened so far.
+    /// Counts so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// Takes what a head says of itself.
-    pub fn hear(&mut self, report: &HeadReport) {
+    /// Takes in a head's report.
+    pub fn take_report(&mut self, report: &HeadReport) {
         let Some(head) = self.heads.iter_mut().find(|it| it.camera == report.camera) else { return };
         head.away = report.link == HeadLink::Away;
         let positions = report.events.iter().rev();
@@ -110,7 +110,7 @@ impl Allocator {
             positions.map(|it| it.1).find_map(|it| if let HeadEvent::Position(at) = it { Some(at) } else { None });
         if let Some([pan, tilt]) = last.map(|it| it.angles).filter(|it| it.iter().all(|it| it.is_finite())) {
             head.setting = Setting { pan, tilt, ..head.setting };
-            head.told = true;
+            head.has_reported = true;
         }
     }
 
@@ -151,7 +151,7 @@ impl Allocator {
         self.known.retain(|_, it| targets.time - it.seen <= keep);
     }
 
-    /// By head, by target: how it would look there; `None`: it cannot.
+    /// By head, by target: its view of the target; `None`: out of reach.
     fn reach(&mut self, now: Time, wanted: &[(TargetId, Point3<f64>)]) -> Vec<Vec<Option<Reach>>> {
         let speeds = [self.settings.pan_deg_s, self.settings.tilt_deg_s].map(f64::to_radians);
         let mut reach = Vec::with_capacity(self.heads.len());
@@ -164,7 +164,9 @@ impl Allocator {
             };
             // A head that tells nothing is taken to look at its target once it has had the time.
             let own = head.target.and_then(|id| wanted.iter().find(|it| it.0 == id));
-            if let Some(there) = own.filter(|_| !head.told && head.arrives <= now).and_then(|it| one(head, &it.1)) {
+            if let Some(there) =
+                own.filter(|_| !head.has_reported && head.arrives <= now).and_then(|it| one(head, &it.1))
+            {
                 head.setting = there.setting;
             }
             reach.push(wanted.iter().map(|it| one(head, &it.1)).collect());
@@ -216,7 +218,7 @@ impl Allocator {
         self.goal = goal.iter().map(|it| it.map(|it| wanted[it].0)).collect();
     }
 
-    /// Sends heads to where they are to be, as far as no target is left alone for it.
+    /// Moves heads towards the goal, as far as no target is left alone by it.
     fn change_over(&mut self, now: Time, wanted: &[(TargetId, Point3<f64>)], reach: &[Vec<Option<Reach>>]) {
         let place_of = |id: TargetId| wanted.iter().position(|it| it.0 == id);
         for head in 0..self.heads.len() {
@@ -253,7 +255,7 @@ impl Allocator {
         }
     }
 
-    /// Lets a head go to its goal.
+    /// Moves a head to its goal.
     fn send(&mut self, now: Time, head: usize, wanted: &[(TargetId, Point3<f64>)], reach: &[Vec<Option<Reach>>]) {
         let goal = self.goal[head];
         let place = goal.and_then(|id| wanted.iter().position(|it| it.0 == id));

@@ -1,4 +1,4 @@
-//! `pan_tilt.allocator`: gives several targets their heads [Davis 2002 §6.3].
+//! `pan_tilt.allocator`: allocates heads to several targets [Davis 2002 §6.3].
 
 mod deal;
 mod settings;
@@ -18,16 +18,16 @@ ports! {
 }
 
 figures! {
-    "allocator.assignments": count, neither, "Assignments of heads to targets that were given out";
-    "allocator.switches": count, low, "Heads that were given another target than their last one";
-    "allocator.forced_switches": count, low, "Of these, heads that left their target with fewer than two";
-    "allocator.seen_by_two": share, high, "Targets that two heads or more had arrived at, of all targets of all assignments";
+        "allocator.assignments": count, neither, "Assignments of heads to targets that were sent";
+        "allocator.switches": count, low, "Heads that were assigned another target than their last one";
+        "allocator.forced_switches": count, low, "Switches that left a target with fewer than two heads";
+        "allocator.seen_by_two": share, high, "Share of the targets of all assignments at which two or more heads had arrived";
 }
 
-/// Targets in, which head follows which of them out. Two heads or more for each target that look at it from well apart, as long as there are
-/// enough; which ones changes only where that gains something for a while, and one after another.
+/// Targets in, assignments of heads to targets out. Two or more heads from different directions for each target, as long as there are
+/// enough; the assignment changes only for a lasting gain, and one head at a time.
 ///
-/// Without `reports` a head is taken to be where it was sent.
+/// Without `reports` a head is assumed to be where it was sent.
 pub struct AllocatorNode {
     allocator: Allocator,
 }
@@ -35,7 +35,7 @@ pub struct AllocatorNode {
 impl Node for AllocatorNode {
     const TYPE: &'static str = "pan_tilt.allocator";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Gives each of several targets the pan-tilt heads that look at it best together";
+    const SUMMARY: &'static str = "Assigns to each of several targets the pan-tilt heads that see it best together";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = AllocatorSettings;
 
@@ -56,7 +56,8 @@ impl Node for AllocatorNode {
         }
         if !(2..=MAX_HEADS).contains(&heads.len()) {
             let (found, pattern) = (heads.len(), &settings.cameras);
-            let text = format_args!("`{pattern}` names {found} cameras of the calibration, expected 2 to {MAX_HEADS}");
+            let text =
+                format_args!("`{pattern}` matches {found} cameras of the calibration, expected 2 to {MAX_HEADS}");
             return Err(ConfigError::at("cameras", text));
         }
         Ok(Self { allocator: Allocator::new(settings, heads) })
@@ -64,7 +65,7 @@ impl Node for AllocatorNode {
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let Some(targets) = io.take(&TARGETS) else { return Ok(()) };
-        io.latest_of_each(&REPORTS).for_each(|it| self.allocator.hear(it.value));
+        io.latest_of_each(&REPORTS).for_each(|it| self.allocator.take_report(it.value));
         if let Some(assignment) = self.allocator.update(&targets.value) {
             io.emit_at(&ASSIGNMENT, targets.time(), assignment);
         }

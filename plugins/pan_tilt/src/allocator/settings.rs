@@ -5,58 +5,58 @@ use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`AllocatorNode`](super::AllocatorNode). Worths and costs are parts of what a target that is seen perfectly is worth.
+/// Settings of [`AllocatorNode`](super::AllocatorNode). Values and costs are relative to a target that is seen perfectly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AllocatorSettings {
-    /// The cameras whose heads are given to targets, by name; `*` and `?` stand for what differs [–].
+    /// The cameras whose heads are allocated, by name; `*` and `?` match any letters [–].
     pub cameras: String,
-    /// Heads that look at one target, at most [–].
+    /// Most heads for one target [–].
     #[schemars(range(min = 2, max = 6))]
     pub heads_per_target: u32,
-    /// The identities of the targets that heads may look at; empty: any [–].
+    /// Identities of the allowed targets; empty: all [–].
     pub only: Vec<u32>,
-    /// Targets that heads look at, at most: those that have lived longest; 0: all [–].
+    /// Most targets: those that have lived longest; 0: all [–].
     #[schemars(range(min = 0, max = 1000))]
     pub most_targets: u32,
-    /// What one head alone is worth at a target: it shows it, and does not tell how far away it is [–].
+    /// Value of a single head at a target: it shows the target, but not its depth [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub one_worth: f64,
-    /// What a second head that looks across adds, as a part of what is missing; the rest is for further ones [–].
+    /// Value that a second head from a perpendicular direction adds, as a part of the missing value; the rest is for further ones [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub pair_worth: f64,
-    /// Two heads are worth most where their lines of sight cross at this angle or more, up to its supplement, and less in proportion to the
-    /// sine outside [deg].
+    /// Angle between lines of sight, up to its supplement, with the full value of a pair; outside, the value is proportional to the
+    /// sine [deg].
     #[schemars(range(min = 1.0, max = 90.0))]
     pub best_angle_deg: f64,
-    /// What it costs to turn a head, for each second that takes [1/s].
+    /// Cost of turning a head, per second of motion [1/s].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub slew_cost_per_s: f64,
-    /// What it costs to take a head away from a target for another: an exchange has to gain more [–].
+    /// Cost of moving a head from one target to another: an exchange has to gain more [–].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub switch_cost: f64,
-    /// Another assignment has to be better for this long before it is taken; heads that are gone or out of reach are replaced at once [ms].
+    /// Time for which another assignment has to be better before it is adopted; unavailable heads are replaced at once [ms].
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub settle_ms: f64,
-    /// A target that is not listed any more keeps its heads for this long [ms].
+    /// Time for which a target that is not listed any more keeps its heads [ms].
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub keep_ms: f64,
-    /// Assignments a second, at most [Hz].
+    /// Most assignments per second [Hz].
     #[schemars(range(min = 0.1, max = 100.0))]
     pub rate_hz: f64,
-    /// How fast the heads pan [deg/s].
+    /// Pan speed of the heads [deg/s].
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub pan_deg_s: f64,
-    /// How fast the heads tilt [deg/s].
+    /// Tilt speed of the heads [deg/s].
     #[schemars(range(min = 0.1, max = 10000.0))]
     pub tilt_deg_s: f64,
-    /// From an assignment to the start of the motion; with the speeds it tells when a head has arrived, and may relieve another [ms].
+    /// Delay from an assignment to the start of the motion; with the speeds it gives the arrival time of a head [ms].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub latency_ms: f64,
 }
 
 impl Default for AllocatorSettings {
-    /// Speeds and latency of the paper's heads; an exchange has to gain as much as a second of slewing costs.
+    /// Speeds and latency of the paper's heads; an exchange has to gain the cost of a second of slewing.
     fn default() -> Self {
         let Worth { one, pair, best_angle } = Worth::default();
         Self {
@@ -80,10 +80,10 @@ impl Default for AllocatorSettings {
 }
 
 impl AllocatorSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("heads_per_target", self.heads_per_target, 2..=6)?;
         ConfigError::unless_in("most_targets", self.most_targets, 0..=1000)?;

@@ -49,7 +49,7 @@ fn of(assignment: &Assignment, id: u32) -> Vec<u16> {
     assignment.list.iter().filter(|it| it.1 == TargetId(id)).map(|it| it.0.0).collect()
 }
 
-/// Heads that turn at their speed towards what they were told to follow, some time ago.
+/// Heads that turn at their speed towards their assigned target, with a delay.
 struct Room {
     heads: Vec<(PanTiltHead, Setting, Option<TargetId>)>,
     /// When an assignment was given, and it.
@@ -82,7 +82,7 @@ fn run(
         let now = at(time_s, &path(time_s));
         for (place, (_, setting, _)) in room.heads.iter().enumerate() {
             let position = HeadPosition { earliest: now.time, latest: now.time, angles: [setting.pan, setting.tilt] };
-            allocator.hear(&HeadReport {
+            allocator.take_report(&HeadReport {
                 camera: CameraId(place as u16),
                 link: HeadLink::Ready,
                 first: 0,
@@ -205,7 +205,7 @@ fn a_head_that_is_away_is_replaced_at_once() {
     let both = [(1, [0.5, 0.0, 1.0]), (2, [-0.5, 0.0, 1.0])];
     let before = feed(&mut allocator, 0.0, 3.0, &both);
     let gone = of(&before, 1)[0];
-    allocator.hear(&HeadReport { camera: CameraId(gone), ..HeadReport::default() });
+    allocator.take_report(&HeadReport { camera: CameraId(gone), ..HeadReport::default() });
     let after = allocator.update(&at(3.5, &both)).expect("an assignment");
     assert!(!of(&after, 1).contains(&gone));
     assert_eq!([of(&after, 1).len(), of(&after, 2).len()], [2, 2], "{after:?}");

@@ -1,9 +1,9 @@
-//! `pan_tilt.calibrator`: finds the axes of heads from a light that the room tracks and their cameras see [Davis 2002 §4.2, (4)].
+//! `pan_tilt.calibrator`: calibrates the axes of heads from a light that the room tracks and their cameras see [Davis 2002 §4.2, (4)].
 //!
-//! While the run lasts it keeps what it hears; at the end it joins light, picture and setting ([`foveate::calibration::head`]), solves for pose
-//! and axes of each head, holds the paper's three models against each other, and writes a calibration that can take the place of the one
-//! it began with. Where cameras on heads stand need not be known, their optics must be. One light is waved: times at which there are
-//! several in the room or in a picture do not count.
+//! During the run it stores its inputs; at the end it combines light, picture and setting ([`foveate_calibration::head`]), solves for pose
+//! and axes of each head, compares the paper's three models, and writes a calibration that can replace the one
+//! it started with. The positions of cameras on heads need not be known, but their optics must be. One light is waved: times at which there are
+//! several in the room or in a picture are not used.
 
 mod settings;
 #[cfg(test)]
@@ -13,12 +13,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use foveate::calibration::head::{
-    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
-};
 use foveate::geometry::pan_tilt::AxisUnits;
 use foveate::prelude::*;
 use foveate::scene::Calibration;
+use foveate_calibration::head::{
+    Comparison, Gathered, HeadRecording, LightSample, LitFrame, PositionReport, calibrated_head, compare, picture,
+};
 
 pub use settings::{CalibratorSettings, Carrier, Optics, Units};
 
@@ -29,34 +29,34 @@ ports! {
 }
 
 figures! {
-    "head_calibration.heads": count, high, "Heads that were calibrated";
-    "head_calibration.light_samples": count, neither, "Times at which one light, and one only, was measured in the room";
+        "head_calibration.heads": count, high, "Heads calibrated" => "heads calibrated";
+        "head_calibration.light_samples": count, neither, "Times at which exactly one light was measured in the room";
     "head_calibration.*.camera_frames": count, neither, "Pictures of that head's camera with one light";
-    "head_calibration.*.several_lights": count, low, "Pictures with more than one light; not used";
-    "head_calibration.*.moving": count, low, "Pictures with one light while the head moved or had not settled; not used";
-    "head_calibration.*.without_light": count, low, "Pictures with one light at times of which the room does not know where it was; not used";
-    "head_calibration.*.observations": count, high, "Pictures that the calibration is made from";
+        "head_calibration.*.several_lights": count, low, "Pictures not used for more than one light";
+        "head_calibration.*.moving": count, low, "Pictures with one light not used because the head moved or had not settled";
+        "head_calibration.*.without_light": count, low, "Pictures with one light not used because the light's position in the room was unknown at that time";
+        "head_calibration.*.observations": count, high, "Pictures used for the calibration";
     "head_calibration.*.settings": count, high, "Different settings of pan and tilt among them";
     "head_calibration.*.{home,aligned,free}_px.median": px, low, "Error of the model with the home position alone, with aligned and with free axes, over all observations";
-    "head_calibration.*.{home,aligned,free}_px.rms": px, low, "The same over the observations that the last model takes for right";
-    "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at settings that were held out of the fit";
-    "head_calibration.*.wrong": count, low, "Observations that were taken for gross errors and left out";
-    "head_calibration.*.noise_factor": ratio, neither, "Right errors over their stated standard deviations; near 1: as large as stated";
+    "head_calibration.*.{home,aligned,free}_px.rms": px, low, "The same over the observations that the last model accepts";
+        "head_calibration.*.holdout_px.{median,rms}": px, low, "Error at held-out settings" => "error at settings that were held out";
+        "head_calibration.*.wrong": count, low, "Observations left out as gross errors";
+    "head_calibration.*.noise_factor": ratio, neither, "Errors of accepted observations over their stated standard deviations; 1 is ideal";
     "head_calibration.*.{pan,tilt}_direction_sigma_deg": deg, low, "Standard deviation of the direction of the axis";
     "head_calibration.*.{pan,tilt}_place_sigma_mm": mm, low, "Standard deviation of the place of the axis";
     "head_calibration.*.camera_sigma_mm": mm, low, "Standard deviation of the camera's centre, along its worst direction";
     "head_calibration.*.{pan,tilt}_unit_sigma": ratio, low, "Standard deviation of the device's unit of angle over that unit";
-    "head_calibration.*.focal_px": px, neither, "Focal length along rows, where it was found";
-    "head_calibration.*.focal_sigma": ratio, low, "Standard deviation of the focal length over it, where it was found";
-    "head_calibration.*.{pan,tilt}_range_deg": deg, high, "From the smallest to the largest setting among the observations";
+        "head_calibration.*.focal_px": px, neither, "Focal length along rows, where it was estimated";
+    "head_calibration.*.focal_sigma": ratio, low, "Standard deviation of the focal length over it, where it was estimated";
+        "head_calibration.*.{pan,tilt}_range_deg": deg, high, "Range of the settings of the observations";
 }
 
-/// Samples of the light closer than this say nothing new [s].
+/// Smallest interval between samples of the light [s].
 const LIGHT_STEP_S: f64 = 0.008;
-/// What is kept of one kind; more than two hours of pictures.
+/// Most stored messages of one kind; more than two hours of pictures.
 const MOST_KEPT: usize = 1 << 19;
 
-/// Keeps what is heard of heads, their cameras and the light; finds the axes at the end.
+/// Stores messages of heads, their cameras and the light; calibrates the axes at the end.
 pub struct Calibrator {
     settings: CalibratorSettings,
     calibration: Arc<Calibration>,
@@ -66,7 +66,7 @@ pub struct Calibrator {
     out: Option<PathBuf>,
 }
 
-/// What is heard of one head.
+/// Messages of one head.
 #[derive(Default)]
 struct Heard {
     recording: HeadRecording,
@@ -77,9 +77,9 @@ struct Heard {
 
 #[derive(Default)]
 struct Counts {
-    /// Times at which the room had no light, or none measured.
+    /// Times without a measured light in the room.
     dark: u64,
-    /// Times at which it had several.
+    /// Times with several lights.
     several: u64,
     left_out: u64,
 }
@@ -87,7 +87,7 @@ struct Counts {
 impl Node for Calibrator {
     const TYPE: &'static str = "pan_tilt.calibrator";
     const ROLE: Role = Role::Sink;
-    const SUMMARY: &'static str = "Finds the axes of pan-tilt heads from a tracked light that their cameras see";
+    const SUMMARY: &'static str = "Calibrates the axes of pan-tilt heads from a tracked light that their cameras see";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CalibratorSettings;
 
@@ -132,12 +132,12 @@ impl Node for Calibrator {
         if self.counts.several > 0 {
             let n = self.counts.several;
             report.remark(format!(
-                "at {n} times there were several lights in the room: these do not count; wave one alone"
+                "at {n} times there were several lights in the room, which are not used: wave a single light"
             ));
         }
         if self.counts.left_out > 0 {
             report.remark(format!(
-                "the capture is too long: {} observations at its end were left out",
+                "the capture is too long: {} observations at its end are left out",
                 self.counts.left_out
             ));
         }
@@ -145,14 +145,14 @@ impl Node for Calibrator {
         let mut found = Vec::new();
         let heads = std::mem::take(&mut self.heads);
         // A camera that sees the light and is on no head is not meant.
-        for (camera, mut heard) in heads.into_iter().filter(|it| !it.1.recording.positions.is_empty()) {
+        for (camera, mut messages) in heads.into_iter().filter(|it| !it.1.recording.positions.is_empty()) {
             let Some(named) = self.calibration.cameras.get(usize::from(camera.0)) else { continue };
             let name = named.name.as_str();
-            heard.recording.light.clone_from(&light);
-            heard.recording.positions.sort_by(|a, b| a.earliest_s.total_cmp(&b.earliest_s));
-            heard.recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-            let gathered = heard.recording.gather(&self.settings.gathering());
-            self.tell_gathered(name, &gathered, heard.several, report);
+            messages.recording.light.clone_from(&light);
+            messages.recording.positions.sort_by(|a, b| a.earliest_s.total_cmp(&b.earliest_s));
+            messages.recording.camera_frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+            let gathered = messages.recording.gather(&self.settings.gathering());
+            self.tell_gathered(name, &gathered, messages.several, report);
             match self.solve(name, &gathered, &mut calibration) {
                 Ok(comparison) => {
                     tell_found(name, &comparison, report);
@@ -190,26 +190,26 @@ impl Calibrator {
     }
 
     fn add_features(&mut self, time: Time, features: &Features) {
-        let heard = self.heads.entry(features.camera).or_default();
+        let messages = self.heads.entry(features.camera).or_default();
         match features.list[..] {
             [one] => {
                 let sigma_px = (0.5 * one.covariance.trace()).max(0.0).sqrt();
                 if sigma_px.is_finite() && sigma_px > 0.0 {
                     let camera_frame = LitFrame { time_s: time.as_s(), pixel: one.centre, sigma_px };
-                    keep(&mut heard.recording.camera_frames, camera_frame, &mut self.counts);
+                    keep(&mut messages.recording.camera_frames, camera_frame, &mut self.counts);
                 }
             }
             [] => {}
-            _ => heard.several += 1,
+            _ => messages.several += 1,
         }
     }
 
     fn add_report(&mut self, report: &HeadReport) {
-        let heard = self.heads.entry(report.camera).or_default();
-        for (_, event) in report.since(&mut heard.next_event) {
+        let messages = self.heads.entry(report.camera).or_default();
+        for (_, event) in report.since(&mut messages.next_event) {
             if let HeadEvent::Position(HeadPosition { earliest, latest, angles }) = event {
                 let position = PositionReport { earliest_s: earliest.as_s(), latest_s: latest.as_s(), angles: *angles };
-                keep(&mut heard.recording.positions, position, &mut self.counts);
+                keep(&mut messages.recording.positions, position, &mut self.counts);
             }
         }
     }
@@ -228,14 +228,16 @@ impl Calibrator {
             .for_each(|(figure, value)| report.figure(format!("head_calibration.{name}.{figure}"), value));
     }
 
-    /// Puts what is found into `calibration`.
+    /// Writes the result into `calibration`.
     fn solve(&self, name: &str, gathered: &Gathered, calibration: &mut Calibration) -> Result<Comparison, String> {
-        let Some(optics) = self.calibration.camera(name) else { return Err("it has no optics".to_owned()) };
+        let Some(optics) = self.calibration.camera(name) else {
+            return Err("found no optics of its camera, expected a calibration with them".to_owned());
+        };
         if gathered.observations.is_empty() {
             let Gathered { camera_frames, moving, without_light, .. } = gathered;
             return Err(format!(
                 "found {camera_frames} pictures with one light, {moving} of them while the head moved or had not settled and {without_light} at times at \
-                 which the room did not know where the light was; expected some at rest and in both"
+                 which the light's position in the room was unknown; expected pictures at rest with a known light"
             ));
         }
         let angles_in = self.angles_in(name)?;
@@ -244,11 +246,12 @@ impl Calibrator {
         let stated = stated.as_ref().map(|it| (it, [AxisUnits::RADIANS; 2]));
         let found = compare(optics, stated, &gathered.observations, &self.settings.solving());
         let found = found.map_err(|it| it.to_string())?;
-        calibrated_head(calibration, name, &found.calibration, angles_in).ok_or("it is not in the calibration")?;
+        calibrated_head(calibration, name, &found.calibration, angles_in)
+            .ok_or("found no such camera in the calibration")?;
         Ok(found)
     }
 
-    /// What the device's numbers meant of which `pan_tilt.head` made angles: by the calibration, or by the data sheet where that states none.
+    /// Units that `pan_tilt.head` used for its angles: by the calibration, or by the data sheet where that states none.
     fn angles_in(&self, name: &str) -> Result<[AxisUnits; 2], String> {
         let stated = self.calibration.heads.0.get(name).map(|it| it.units);
         let by_sheet = self
@@ -260,7 +263,7 @@ impl Calibrator {
             // Left unsaid as it was.
             (None, None) if self.settings.units == Units::Known => Ok([AxisUnits::DEGREES; 2]),
             (None, None) => Err(format!(
-                "its units are to be found and neither `units_per_deg` nor `[head.{name}]` says what to begin with"
+                "its units are to be estimated, but neither `units_per_deg` nor `[head.{name}]` gives an initial value"
             )),
         }
     }

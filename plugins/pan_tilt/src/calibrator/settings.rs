@@ -1,38 +1,38 @@
-//! What counts when a head is calibrated, and how well it must be held.
+//! Settings of a head's calibration: observations that are used, and the required accuracy.
 
-use foveate::calibration::head::GatherOptions;
 use foveate::geometry::pan_tilt::{AxisUnits, HeadOptions, Limits, OpticsRule, Stacking, UnitsRule};
 use foveate::prelude::ConfigError;
+use foveate_calibration::head::GatherOptions;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What is taken for known of the head's own numbers.
+/// How the head's units are treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Units {
-    /// A unit is the angle that the calibration or `units_per_deg` says.
+    /// As stated in the calibration or `units_per_deg`.
     Known,
-    /// It is found, starting there.
+    /// Estimated from that initial value.
     Estimated,
 }
 
-/// What is taken for known of the optics of cameras on heads.
+/// How the optics of cameras on heads are treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Optics {
-    /// All that the calibration says.
+    /// As stated in the calibration.
     Known,
-    /// All but the focal length, which is found.
+    /// As stated, but for the focal length, which is estimated.
     Focal,
 }
 
-/// Which axis carries the other.
+/// Order of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Carrier {
-    /// The pan axis stands still, as in nearly all heads.
+    /// The pan axis is fixed, as in nearly all heads.
     TiltOnPan,
-    /// The tilt axis stands still.
+    /// The tilt axis is fixed.
     PanOnTilt,
 }
 
@@ -40,49 +40,49 @@ pub enum Carrier {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CalibratorSettings {
-    /// Whether the angle of the device's units is taken for known or found [–]
+    /// Whether the angle of the device's units is known or estimated [–]
     pub units: Units,
-    /// What the device counts in a degree of pan and tilt, by its data sheet; needed where the calibration has no units of the head and these are
-    /// to be found. It must be what `pan_tilt.head` reckons with (its `model` or `profile`): angles come from there, and another number here only
+    /// Device units per degree of pan and tilt, by the data sheet; needed where the calibration has no units of the head and these are
+    /// to be estimated. They must equal those of `pan_tilt.head` (its `model` or `profile`), which gives the angles: another number here only
     /// scales the units that are written. Each -100000 to 100000, not 0 [units/°]
     pub units_per_deg: Option<[f64; 2]>,
-    /// Whether the optics of the cameras on heads are taken for known, or their focal length is found too [–]
+    /// Whether the optics of the cameras on heads are known, or their focal length is estimated [–]
     pub optics: Optics,
-    /// Which axis carries the other [–]
+    /// Which axis carries the other: `tilt_on_pan` or `pan_on_tilt` [–]
     pub stacking: Carrier,
-    /// Reports of the head this close are of one place [°]
+    /// Largest distance between reports of the head at one setting [°]
     #[schemars(range(min = 0.001, max = 10.0))]
     pub tolerance_deg: f64,
-    /// How long after it stopped what it carries still swings [ms]
+    /// Settling time of the camera after a motion [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub settle_ms: f64,
-    /// Samples of the light about a picture are at most this far apart [ms]
+    /// Largest interval between the light's samples around a picture [ms]
     #[schemars(range(min = 1.0, max = 10000.0))]
     pub most_apart_ms: f64,
-    /// The light counts anew at one setting when it moved by so much in the picture [px]
+    /// Motion of the light in the picture after which it is used again at one setting [px]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub step_px: f64,
-    /// At most so many observations count at one setting [–]
+    /// Most observations that are used at one setting [–]
     #[schemars(range(min = 2, max = 100000))]
     pub most_a_setting: usize,
-    /// How far the head stands from where it says, standard deviation; above 0 each setting gets a correction of its own [°]
+    /// Error of the head's reported angles, standard deviation; above 0 each setting gets a correction of its own [°]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub setting_sigma_deg: f64,
-    /// Pan that was moved over less is refused [°]
+    /// Smallest range of pan [°]
     #[schemars(range(min = 0.1, max = 360.0))]
     pub least_pan_deg: f64,
-    /// Tilt that was moved over less is refused [°]
+    /// Smallest range of tilt [°]
     #[schemars(range(min = 0.1, max = 360.0))]
     pub least_tilt_deg: f64,
-    /// Directions of the axes less well known are refused, standard deviation [°]
+    /// Largest standard deviation of the axes' directions [°]
     #[schemars(range(min = 0.001, max = 90.0))]
     pub most_direction_sigma_deg: f64,
-    /// Places of axes and camera less well known are refused, standard deviation [mm]
+    /// Largest standard deviation of the positions of axes and camera [mm]
     #[schemars(range(min = 0.01, max = 10000.0))]
     pub most_place_sigma_mm: f64,
-    /// File of the results that gets the calibration of all cameras, with what was found of the heads [–]
+    /// File of the calibration of all cameras, with the calibrated heads, in the results folder [–]
     pub file: String,
-    /// File of the results that gets the errors of three models as a picture; `{camera}` is the camera's name [–]
+    /// File of a picture with the errors of three models in the results folder; `{camera}` is the camera's name [–]
     pub picture: String,
 }
 
@@ -110,7 +110,7 @@ impl Default for CalibratorSettings {
 }
 
 impl CalibratorSettings {
-    /// Refuses what is out of range.
+    /// Refuses settings out of range.
     ///
     /// # Errors
     /// The first such setting.
@@ -119,7 +119,7 @@ impl CalibratorSettings {
         for it in self.units_per_deg.iter().flatten() {
             check("units_per_deg", *it, -1e5..=1e5)?;
             if *it == 0.0 {
-                return Err(ConfigError::at("units_per_deg", "found 0, expected how many units a degree has"));
+                return Err(ConfigError::at("units_per_deg", "found 0, expected the number of units per degree"));
             }
         }
         check("tolerance_deg", self.tolerance_deg, 0.001..=10.0)?;
@@ -134,7 +134,7 @@ impl CalibratorSettings {
         check("most_place_sigma_mm", self.most_place_sigma_mm, 0.01..=10_000.0)
     }
 
-    /// What they mean for gathering.
+    /// The settings as options for gathering.
     pub fn gathering(&self) -> GatherOptions {
         GatherOptions {
             tolerance: self.tolerance_deg.to_radians(),
@@ -145,7 +145,7 @@ impl CalibratorSettings {
         }
     }
 
-    /// What they mean for solving; settings come as angles.
+    /// The settings as options for solving; settings of the head come as angles.
     pub fn solving(&self) -> HeadOptions {
         let units = match self.units {
             Units::Known => UnitsRule::Known(AxisUnits::RADIANS),

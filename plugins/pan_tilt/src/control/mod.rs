@@ -1,21 +1,21 @@
-//! A head that stays on a target: [Davis 2002 §4.3–4.4].
+//! Control of a head that tracks a target: [Davis 2002 §4.3–4.4].
 //!
 //! | step | here |
 //! |---|---|
-//! | where the target will be when the head obeys | [`Predictor`] |
-//! | the setting that has it in the middle of the image | [`aim`] |
-//! | where the head will be by then, and how late it obeys | [`ActuatorEstimator`] |
-//! | how fast and how far it is told to go | [`HeadController::command`] |
+//! | predicted target when the command takes effect | [`Predictor`] |
+//! | setting with the target in the middle of the image | [`aim`] |
+//! | predicted head at that time, and its latency | [`ActuatorEstimator`] |
+//! | the command | [`HeadController::command`] |
 //!
-//! A command given at t takes effect at T = t + latency. Where the head will be at T, and how fast it will turn, follows from the commands it was given; where it
-//! should be at T and at the moments at which the next commands take effect, from the predictor. Of the commands that the head knows the one is given after
-//! which a model of it is nearest to these: [`follow`](fn@follow).
+//! A command given at t takes effect at T = t + latency. The head's angles and rates at T follow from the commands given so far; the desired
+//! angles at T and at the following commands from the predictor. Of all possible commands the one is given whose
+//! predicted motion is nearest to these: [`track_path`](fn@track_path).
 
 mod settings;
 #[cfg(test)]
 mod tests;
 
-use foveate::estimation::actuator::{Ability, Order, follow};
+use foveate::estimation::actuator::{MotorLimits, Order, track_path};
 use foveate::estimation::{ActuatorEstimator, Predictor};
 use foveate::geometry::pan_tilt::{Aim, PanTiltHead, Setting, Unreachable, aim, aim_at_sphere};
 use foveate::prelude::{HeadEvent, HeadOrder, HeadReport, Target, Time};
@@ -23,24 +23,24 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 pub use self::settings::{Control, ControlSettings, LatencyFrom, PredictorKind};
 
-/// A change of the zoom by less than this part of its range is not worth a command [–].
+/// Smallest change of the zoom that is commanded, relative to its range [–].
 const ZOOM_BAND: f64 = 0.01;
 
-/// For how many commands' time the head is led ahead: it speeds up and brakes in about that time.
+/// Planning horizon in commands: the head accelerates and brakes in about that time.
 const AHEAD: usize = 3;
 
-/// What a head should do now.
+/// A command for the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lead {
-    /// What it is told.
+    /// The order for the motors.
     pub order: HeadOrder,
-    /// Where its zoom should stand, where that is for the selector to say.
+    /// The zoom position, where the selector controls it.
     pub zoom: Option<f64>,
     /// Whether the target is within its limits.
     pub reachable: bool,
 }
 
-/// One head and the target that it follows.
+/// One head and the target that it tracks.
 #[derive(Debug, Clone)]
 pub struct HeadController {
     settings: ControlSettings,
@@ -48,16 +48,16 @@ pub struct HeadController {
     radius: f64,
     predictor: Predictor,
     actuator: ActuatorEstimator,
-    /// The setting that was wanted last: the next one is near it.
+    /// The last desired setting: the next one is near it.
     wanted: Setting,
-    /// Direction after damping, and when that was.
+    /// Direction after smoothing, and its time.
     damped: Option<(Time, [f64; 2])>,
     commanded: Option<(Time, [f64; 2])>,
     commanded_zoom: Option<f64>,
 }
 
 impl HeadController {
-    /// A head at rest, of which nothing was heard yet. `radius` of the sub-region in metres.
+    /// A head at rest, without reports yet. `radius` of the sub-region in metres.
     pub fn new(settings: ControlSettings, head: PanTiltHead, radius: f64) -> HeadController {
         let rest = head.limits.clamp(&Setting::default());
         HeadController {
@@ -73,26 +73,26 @@ impl HeadController {
         }
     }
 
-    /// Another target takes the place of the last one.
+    /// Switches to another target.
     pub fn change_target(&mut self) {
         self.predictor.clear();
         self.damped = None;
     }
 
-    /// Where the target was seen at `time`, and how far from it is what is followed: what is only predicted says nothing new.
+    /// Takes in the target at `time`, with the offset of the tracked point; predicted targets carry no information.
     pub fn see(&mut self, time: Time, target: &Target, offset: &Vector3<f64>) {
         let covariance: Matrix3<f64> = target.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         self.predictor.observe(time.as_s(), target.position + offset, target.velocity, &covariance);
     }
 
-    /// What the head was told and said; `next_event` as for [`HeadReport::since`].
-    pub fn hear(&mut self, report: &HeadReport, next_event: &mut u64) {
+    /// Takes in a report of the head; `next_event` as for [`HeadReport::since`].
+    pub fn take_report(&mut self, report: &HeadReport, next_event: &mut u64) {
         for (at, event) in report.since(next_event) {
-            hear(&mut self.actuator, *at, event);
+            take_event(&mut self.actuator, *at, event);
         }
     }
 
-    /// From a command on the line to the first movement, mean and standard deviation [s].
+    /// Latency from a command on the line to the first movement, mean and standard deviation [s].
     pub fn latency_s(&self) -> [f64; 2] {
         self.actuator.latency()
     }
@@ -102,7 +102,7 @@ impl HeadController {
         self.commanded.is_none_or(|(at, _)| (now - at).as_s() >= 0.98 / self.settings.rate_hz)
     }
 
-    /// What to tell the head at `now`: nothing if the target is lost, the last command is not old enough, or the head looks where it should.
+    /// The command at `now`: `None` if the target is lost, the last command is too recent, or the head is already on the target.
     pub fn command(&mut self, now: Time) -> Option<Lead> {
         let last_s = self.predictor.last_s()?;
         if !self.is_due(now) || now.as_s() - last_s > self.settings.lost_ms * 1e-3 {
@@ -118,7 +118,7 @@ impl HeadController {
         }
     }
 
-    /// The paper's: to the predicted place, the faster the farther.
+    /// The paper's control: to the predicted position, with a speed proportional to the distance.
     fn step(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
         let (wanted, reachable) = self.wanted_at(obeys_s)?;
         self.wanted = wanted.setting;
@@ -135,7 +135,7 @@ impl HeadController {
         Some(self.lead(now, goal, speeds, wanted, reachable))
     }
 
-    /// Model predictive: the order after which the head, as it is estimated to be when it obeys, is nearest to the target over the next orders' time.
+    /// Model predictive control: the order whose predicted motion is nearest to the target over the horizon.
     fn predictive(&mut self, now: Time, obeys_s: f64) -> Option<Lead> {
         let ControlSettings { still_deg_per_s, dead_band_deg, max_speed_deg_per_s, speeds, .. } = self.settings;
         let period_s = 1.0 / self.settings.rate_hz;
@@ -160,8 +160,8 @@ impl HeadController {
         let acceleration = self.actuator.acceleration();
         let orders = [0, 1].map(|axis| {
             let most_speed = max_speed_deg_per_s[axis].to_radians();
-            let ability = Ability { acceleration, most_speed, speeds: speeds[axis] };
-            follow([head.angles[axis], head.rates[axis]], &ability, &path.map(|it| it[axis]), period_s)
+            let limits = MotorLimits { acceleration, max_speed: most_speed, speeds: speeds[axis] };
+            track_path([head.angles[axis], head.rates[axis]], &limits, &path.map(|it| it[axis]), period_s)
         });
         // What hardly moves is gone to, smoothed, and not past.
         let goals = if pace < still { there } else { orders.map(|it| it[0]) };
@@ -172,14 +172,14 @@ impl HeadController {
         let within = self.head.limits.clamp(&Setting::new(goal[0], goal[1]));
         let angles = [within.pan, within.tilt];
         self.commanded = Some((now, angles));
-        // Too slow to be told is not the same as not at all.
+        // Below the slowest speed is not the same as no motion.
         let speeds = speeds.map(|it| it.max(1e-3));
         let zoom = wanted.setting.zoom.filter(|_| self.settings.fill > 0.0);
         self.commanded_zoom = zoom;
         Lead { order: HeadOrder::Go { angles, speeds }, zoom, reachable }
     }
 
-    /// Whether the zoom that is wanted is another one, by more than [`ZOOM_BAND`].
+    /// Whether the desired zoom differs by more than [`ZOOM_BAND`].
     fn zooms(&self, wanted: &Aim) -> bool {
         let (Some(table), Some(zoom)) = (&self.head.zoom, wanted.setting.zoom) else { return false };
         let [first, last] = table.range();
@@ -187,7 +187,7 @@ impl HeadController {
         self.settings.fill > 0.0 && (zoom - before).abs() > ZOOM_BAND * (last - first).abs()
     }
 
-    /// The setting wanted at a time, and whether the head can have it.
+    /// The desired setting at a time, and whether the head can reach it.
     fn wanted_at(&mut self, time_s: f64) -> Option<(Aim, bool)> {
         let target = self.predictor.predict(time_s)?.position;
         Some(match self.aim_at(&target) {
@@ -204,7 +204,7 @@ impl HeadController {
         }
     }
 
-    /// Smooths angles; less the nearer the pace comes to that of a target that moves.
+    /// Smooths angles; less the faster the target moves.
     fn damp(&mut self, now: Time, angles: [f64; 2], pace: f64) -> [f64; 2] {
         let still = self.settings.still_deg_per_s.to_radians();
         let part = if pace.is_finite() && still > 0.0 { (1.0 - pace / still).max(0.0) } else { 1.0 };
@@ -230,8 +230,8 @@ fn is_near(a: &[f64; 2], b: &[f64; 2], within: f64) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() < within)
 }
 
-/// Lets a model of the motors know what the head was told and said.
-pub(crate) fn hear(actuator: &mut ActuatorEstimator, at: Time, event: &HeadEvent) {
+/// Updates a model of the motors with an event of the head.
+pub(crate) fn take_event(actuator: &mut ActuatorEstimator, at: Time, event: &HeadEvent) {
     match *event {
         HeadEvent::Sent(HeadOrder::Go { angles, speeds }) => {
             actuator.order(at.as_s(), [0, 1].map(|it| Order::Go { goal: angles[it], speed: speeds[it] }));

@@ -1,17 +1,17 @@
-//! How a head follows its target.
+//! Settings of tracking a target with a head.
 
-use foveate::estimation::{ActuatorOptions, PredictorOptions, Way};
+use foveate::estimation::{ActuatorOptions, PredictionMethod, PredictorOptions};
 use foveate::prelude::ConfigError;
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How the target is extrapolated to the moment at which the head will obey.
+/// Prediction of the target to the moment at which a command takes effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(extend("x-formerly" = { "learned": "linear", "contest": "weighted" }))]
 pub enum PredictorKind {
-    /// Not at all.
+    /// No prediction.
     None,
     /// With its velocity [Davis 2002 §4.4].
     Velocity,
@@ -32,25 +32,25 @@ pub enum PredictorKind {
     Weighted,
 }
 
-/// Where the latency of the head is from.
+/// Source of the head's latency.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LatencyFrom {
-    /// As the settings say, from the capture time of the target to the head's movement.
+    /// The setting, from the capture time of the target to the head's movement.
     Fixed,
-    /// From commands and the positions that the head answers with, while it runs; the setting is where that begins.
+    /// Estimated during the run from commands and position answers; the setting is the initial value.
     #[default]
     Measured,
 }
 
-/// How the head is led.
+/// Control of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(extend("x-formerly" = { "pursuit": "predictive" }))]
 pub enum Control {
-    /// To where the target will be, with a speed in proportion to the way that is left [Davis 2002 §4.3].
+    /// To the predicted target, with a speed proportional to the distance [Davis 2002 §4.3].
     Step,
-    /// Along with the target: of all commands that the head knows, the one after which a model of its motors stays nearest to where the target is foretold to be
+    /// Along with the target: of all possible commands, the one whose predicted motion of the motors stays nearest to the predicted target
     /// (model predictive control).
     #[default]
     Predictive,
@@ -60,56 +60,56 @@ pub enum Control {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ControlSettings {
-    /// The target to follow, by its number; left out: the target that the scale is anchored to, or the one that an allocator assigns [–]
+    /// Number of the tracked target; left out: the target that the scale is anchored to, or the one that an allocator assigns [–]
     pub target: Option<u32>,
-    /// How the target is extrapolated to the moment at which the head will obey [–].
+    /// Prediction of the target to the moment at which a command takes effect [–].
     pub predictor: PredictorKind,
-    /// Where the latency is from [–].
+    /// Source of the latency: `fixed` or `estimated` [–].
     pub latency: LatencyFrom,
-    /// From the capture of the target's position to the head's movement, as far as it is known beforehand [ms].
+    /// Initial latency from the capture of the target's position to the head's movement [ms].
     #[schemars(range(min = 0.0, max = 800.0))]
     pub latency_ms: f64,
-    /// How the head is led [–].
+    /// Control of the head: `step` or `predictive` [–].
     pub control: Control,
-    /// Commands a second at most: on a line of 9600 baud a head takes about 19, and more than 30 fill its queue [Hz].
+    /// Most commands per second: on a line of 9600 baud a head takes about 19, and more than 30 fill its queue [Hz].
     #[schemars(range(min = 1.0, max = 120.0))]
     pub rate_hz: f64,
-    /// With `control = "step"`: in what time what is missing is made up for: shorter is nearer to the target and shakes more [ms].
+    /// With `control = "step"`: time in which the remaining distance is covered: shorter is nearer to the target and shakes more [ms].
     #[schemars(range(min = 10.0, max = 5000.0))]
     pub settle_ms: f64,
-    /// The direction of the target is smoothed with this time constant while it hardly moves, and less the faster it does [ms].
+    /// Time constant for smoothing the target's direction while it is slow; less smoothing the faster it is [ms].
     #[schemars(range(min = 0.0, max = 5000.0))]
     pub damping_ms: f64,
-    /// A head that looks so near to a target that hardly moves is left alone, so that it does not step to and fro [°].
+    /// Dead band for slow targets, so that the head does not oscillate [°].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub dead_band_deg: f64,
-    /// A target slower than this, as the head sees it, hardly moves [°/s].
+    /// Largest speed of a slow target, as seen by the head [°/s].
     #[schemars(range(min = 0.0, max = 100.0))]
     pub still_deg_per_s: f64,
-    /// The fastest that the head turns: pan and tilt [°/s].
+    /// Largest speed of the head: pan and tilt [°/s].
     #[schemars(inner(range(min = 0.1, max = 1000.0)))]
     pub max_speed_deg_per_s: [f64; 2],
-    /// How many speeds it has, even parts of the fastest: pan and tilt, each 1 to 1000. Those of the EVI-D30 [–].
+    /// Number of speeds, even parts of the largest: pan and tilt, each 1 to 1000. Default: the EVI-D30's [–].
     #[schemars(inner(range(min = 1, max = 1000)))]
     pub speeds: [u32; 2],
-    /// How fast the head speeds up and brakes, roughly; the following finds out [°/s²].
+    /// Approximate acceleration of the head; it is estimated during the run [°/s²].
     #[schemars(range(min = 10.0, max = 10_000.0))]
     pub acceleration_deg_per_s2: f64,
-    /// A target that was not seen for so long is lost: the head stays where it is until it is seen again [ms].
+    /// Time without an observation after which a target is lost: the head stays where it is until it is seen again [ms].
     #[schemars(range(min = 10.0, max = 60_000.0))]
     pub lost_ms: f64,
-    /// Pan and tilt that the head visits one after the other, again and again, while there is no target: it looks for one, and cameras learn what their background is; left out: it stays where it is. Each pan -360 to 360, tilt -180 to 180 [°]
+    /// Settings that the head visits repeatedly while there is no target, to find one and to let cameras learn their background; left out: it stays where it is. Each pan -360 to 360, tilt -180 to 180 [°]
     pub patrol_deg: Vec<[f64; 2]>,
-    /// How fast it turns from one of them to the next [°/s].
+    /// Speed between these settings [°/s].
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub patrol_deg_per_s: f64,
-    /// How long it stays at each [ms].
+    /// Time at each of them [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub patrol_stay_ms: f64,
-    /// Radius of the sub-region about the target; 0: that of the scale [m].
+    /// Radius of the sub-region around the target; 0: that of the scale [m].
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub radius_m: f64,
-    /// A head that zooms is set so that the sub-region covers this part of half the image's shorter side; 0: its zoom is left alone [–].
+    /// Zoom of the head: the sub-region covers this part of half the image's shorter side; 0: the zoom is not controlled [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub fill: f64,
 }
@@ -141,10 +141,10 @@ impl Default for ControlSettings {
 }
 
 impl ControlSettings {
-    /// Refuses numbers out of their ranges.
+    /// Refuses settings out of range.
     ///
     /// # Errors
-    /// The first of them.
+    /// The first such setting.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("latency_ms", self.latency_ms, 0.0..=800.0)?;
         ConfigError::unless_in("rate_hz", self.rate_hz, 1.0..=120.0)?;
@@ -171,18 +171,18 @@ impl ControlSettings {
     }
 
     pub(super) fn predictor_options(&self, eye: Point3<f64>) -> PredictorOptions {
-        let way = match self.predictor {
-            PredictorKind::None => Way::Still,
-            PredictorKind::Velocity => Way::Velocity,
-            PredictorKind::Damped => Way::Damped,
-            PredictorKind::Slowing => Way::Slowing,
-            PredictorKind::Acceleration => Way::Acceleration,
-            PredictorKind::Interacting => Way::Interacting,
-            PredictorKind::Linear => Way::Linear,
-            PredictorKind::Cautious => Way::Cautious,
-            PredictorKind::Weighted => Way::Weighted,
+        let method = match self.predictor {
+            PredictorKind::None => PredictionMethod::Still,
+            PredictorKind::Velocity => PredictionMethod::Velocity,
+            PredictorKind::Damped => PredictionMethod::Damped,
+            PredictorKind::Slowing => PredictionMethod::Slowing,
+            PredictorKind::Acceleration => PredictionMethod::Acceleration,
+            PredictorKind::Interacting => PredictionMethod::Interacting,
+            PredictorKind::Linear => PredictionMethod::Linear,
+            PredictorKind::Cautious => PredictionMethod::Cautious,
+            PredictorKind::Weighted => PredictionMethod::Weighted,
         };
-        PredictorOptions { way, eye: Some(eye), ..PredictorOptions::default() }
+        PredictorOptions { method, eye: Some(eye), ..PredictorOptions::default() }
     }
 
     pub(super) fn actuator_options(&self) -> ActuatorOptions {

@@ -78,7 +78,7 @@ fn follow(settings: ControlSettings, path: impl Fn(f64) -> Point3<f64>) -> Outco
             let at_s = now_s - 0.015;
             let velocity = (path(at_s + 1e-4) - path(at_s - 1e-4)) / 2e-4;
             let noise = Vector3::from_fn(|_, _| 0.001 * random.normal());
-            controller.hear(&report, &mut next);
+            controller.take_report(&report, &mut next);
             controller.see(Time::from_s(at_s), &target(path(at_s) + noise, velocity), &Vector3::zeros());
             if let Some(Lead { order: HeadOrder::Go { angles, speeds }, .. }) = controller.command(Time::from_s(now_s))
             {

@@ -1,4 +1,4 @@
-//! What a driver reports.
+//! Events of a driver.
 
 use foveate::prelude::{Interval, Time};
 
@@ -8,32 +8,32 @@ use crate::visca::{Answer, Command, Refusal};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CommandId(pub u64);
 
-/// How things are between driver and head.
+/// State of the link between driver and head.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Link {
-    /// The port is not open, and why; it is tried again.
+    /// The port is not open, with the reason; it is tried again.
     Closed(String),
     /// The port is open, the head has not answered yet.
     Greeting,
-    /// The head answers.
+    /// The head responds.
     Ready,
-    /// Nothing comes back. It is greeted again and again.
+    /// No answer. The head is greeted repeatedly.
     Silent,
-    /// Bytes come back that mean nothing: another speed of the line, another device. It is greeted again and again.
+    /// Garbled bytes: a wrong baud rate, or another device. The head is greeted repeatedly.
     Garbled,
-    /// The line has fewer heads than the address says.
+    /// The line has fewer heads than the address.
     NoSuchHead {
-        /// That is what the line has.
+        /// Number of heads on the line.
         heads: u8,
     },
 }
 
-/// Something that happened, and when.
+/// An event with its time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
-    /// When the driver learnt it.
+    /// When the driver received it.
     pub at: Time,
-    /// What.
+    /// The event.
     pub what: What,
 }
 
@@ -49,87 +49,87 @@ impl Event {
     }
 }
 
-/// What happened.
+/// Kinds of events.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum What {
     /// Another state of the link.
     Link(Link),
-    /// A command went to the line: its first bit goes now. A command that is sent again is reported again.
+    /// A command is being sent: its first bit leaves now. A repeated command is reported again.
     Sent {
-        /// Which.
+        /// The command's number.
         id: CommandId,
-        /// What it says.
+        /// The command.
         command: Command,
     },
-    /// The head has taken a command.
+    /// The head has accepted a command.
     Acknowledged {
-        /// Which.
+        /// The command's number.
         id: CommandId,
-        /// When it was sent.
+        /// Time of sending.
         sent_at: Time,
     },
-    /// The head has done a command, or took the next one in its place.
+    /// The head has completed a command, or replaced it by the next one.
     Completed {
-        /// Which.
+        /// The command's number.
         id: CommandId,
     },
-    /// A command was never sent: a newer one took its place.
+    /// A command was never sent, because a newer one replaced it.
     Replaced {
-        /// Which.
+        /// The command's number.
         id: CommandId,
     },
-    /// A command will not be done.
+    /// A command failed.
     Failed {
-        /// Which.
+        /// The command's number.
         id: CommandId,
-        /// Why.
+        /// The reason.
         why: Failure,
     },
-    /// The head answered an inquiry. It looked at its own state after the inquiry had reached it and before the first byte of the answer.
+    /// The head answered an inquiry. The state is of a time between the inquiry's arrival and the first byte of the answer.
     Answered {
-        /// What it said.
+        /// The answer.
         answer: Answer,
-        /// When the first bit of the inquiry went.
+        /// Time of the inquiry's first bit.
         asked_at: Time,
     },
 }
 
-/// Why a command will not be done.
+/// Why a command failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// The head said no.
+    /// The head refused it.
     #[error("{0}")]
     Refused(Refusal),
-    /// It was sent, nothing came back, and doing it twice would not be the same as once.
+    /// There was no answer, and repeating it would have another effect.
     #[error("no answer came, and it may not be sent twice")]
     Unanswered,
-    /// It set the head going, and the line broke: whoever gave it has to give it again.
+    /// It started a motion, and the line broke: it has to be given again.
     #[error("the line broke while the head was moving")]
     Interrupted,
-    /// It was sent again and again, and the head stands elsewhere.
-    #[error("the head stands still elsewhere, at {0} and {1} units, though it was told again")]
+    /// It was repeated, and the head still stopped elsewhere.
+    #[error("the head stopped elsewhere, at {0} and {1} units, although the command was repeated")]
     NotReached(i32, i32),
 }
 
-/// What a driver has counted.
+/// Counts of a driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Commands given.
     pub given: u64,
-    /// Command packets sent, those sent again too.
+    /// Command packets sent, repeated ones included.
     pub sent: u64,
-    /// Commands that a newer one replaced before they were sent.
+    /// Commands replaced by a newer one before they were sent.
     pub replaced: u64,
     /// Messages without an answer in time.
     pub unanswered: u64,
-    /// Messages that the head had no room for.
+    /// Messages refused because the head's buffer was full.
     pub buffer_full: u64,
-    /// Commands given again since the head stood elsewhere.
+    /// Commands repeated because the head stopped elsewhere.
     pub corrected: u64,
-    /// Replies and datagrams that fit nothing.
+    /// Replies and datagrams that match no message.
     pub stray: u64,
     /// Bytes that belonged to no packet.
     pub garbage_bytes: u64,
-    /// Events that nobody fetched in time.
+    /// Events dropped because they were not fetched in time.
     pub lost_events: u64,
 }

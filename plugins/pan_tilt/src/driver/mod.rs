@@ -3,21 +3,21 @@
 //! Bytes that came in go into [`Driver::receive`], bytes to be sent come out of [`Driver::poll`], both with the present time; what happened
 //! is fetched with [`Driver::next_event`]. [`Head`](crate::head::Head) does this on a serial port or a UDP socket.
 //!
-//! - **One message at a time.** The next one goes when the last one was answered or given up.
-//! - **Two commands in flight.** A head keeps two; a third is not sent before one of them is done.
-//! - **The newest command wins.** Of commands to the same part (motors, zoom, focus, …) that could not be sent yet only the
-//!   last one is kept: nothing is ever queued up, and at any rate of commands the head gets what is newest when it has room.
+//! - **One message at a time.** The next one is sent when the last one was answered or has timed out.
+//! - **Two commands in flight.** A head buffers two; a third is not sent before one of them is done.
+//! - **The newest command wins.** Of the waiting commands to the same part (motors, zoom, focus, …) only the
+//!   last one is kept: there is no queue, and at any rate of commands the head gets the newest when it has room.
 //! - **Inquiries in between**, in turn with commands where both are due.
-//! - **What was commanded is reached.** VISCA has no checksum: a command may arrive changed. A head that stands still elsewhere is told
-//!   again.
-//! - **Nothing is given up.** A head that is silent, talks garbage or is unplugged is reported and greeted again with growing pauses; when it
-//!   answers it gets the last command of each part, but none that sets it going without an end.
+//! - **Commanded positions are verified.** VISCA has no checksum: a command may arrive corrupted. If the head stops elsewhere the command
+//!   is repeated.
+//! - **The driver keeps trying.** A head that is silent, garbled or unplugged is reported and greeted again with growing pauses; when it
+//!   answers it gets the last command of each part, except open-ended motions.
 
 pub mod events;
-mod hear;
+mod pending;
+mod replies;
 pub mod settings;
 mod wire;
-mod wishes;
 
 use std::collections::VecDeque;
 
@@ -26,14 +26,14 @@ use foveate::prelude::{ConfigError, Interval, Time};
 use crate::visca::{Command, Inquiry, OutOfRange, Profile, Request};
 
 pub use events::{CommandId, Counts, Event, Failure, Link, What};
+use pending::{Part, PendingCommand, PendingCommands};
 pub use settings::DriverSettings;
 use wire::Wire;
 pub use wire::{Frame, Medium};
-use wishes::{Part, Wish, Wishes};
 
-/// The time-out of a greeting is doubled at most so many times.
+/// Largest number of doublings of the greeting's time-out.
 const MOST_PATIENCE: u32 = 3;
-/// Events that are kept until they are fetched.
+/// Most events that are kept until they are fetched.
 const MOST_EVENTS: usize = 4096;
 
 /// See the [module](self).
@@ -44,29 +44,29 @@ pub struct Driver {
     wire: Wire,
     link: Link,
     phase: Phase,
-    /// Openings and greetings in a row that came to nothing.
+    /// Consecutive failed openings and greetings.
     failures: u32,
-    /// Messages in a row without an answer.
+    /// Consecutive messages without an answer.
     misses: u32,
-    /// How long answers take, the slow ones remembered longer.
+    /// Estimated answer time, biased to slow ones.
     answer_time: Interval,
-    /// The time-out of a greeting is doubled so many times.
+    /// Number of doublings of the greeting's time-out.
     patience: u32,
-    /// Bytes came since the last reply that meant something.
+    /// Bytes came since the last valid reply.
     has_noise: bool,
     awaited: Option<Awaited>,
     sockets: [Option<Occupant>; 2],
     /// Not sent yet.
-    wishes: Wishes,
-    /// The last one given, sent or not.
-    goals: Wishes,
-    /// After a full buffer no command goes before this.
+    pending: PendingCommands,
+    /// The last commands given, sent or not.
+    goals: PendingCommands,
+    /// After a full buffer no command is sent before this.
     hold_until: Time,
-    /// Since when a command could not be sent for lack of a socket.
+    /// Since when a command waits for a socket.
     blocked_since: Option<Time>,
-    /// Which socket was cancelled last.
+    /// The last cancelled socket.
     cancelled: u8,
-    /// The command that the head did not understand last, and how often.
+    /// The last command that the head refused as unknown, and how often.
     misread: (CommandId, u32),
     next_position: Time,
     next_zoom: Time,
@@ -89,7 +89,7 @@ enum Phase {
     Pause {
         until: Time,
     },
-    /// Step by step: what is asked next.
+    /// Step by step: the next inquiry.
     Greeting(Asked),
     Ready,
 }
@@ -107,33 +107,33 @@ struct Awaited {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asked {
-    /// Over IP: let counting begin anew.
+    /// Over IP: restart the sequence numbers.
     Reset,
     AddressSet,
     Clear,
     Cancel {
         socket: u8,
     },
-    Command(Wish),
+    Command(PendingCommand),
     Inquiry(Inquiry),
 }
 
-/// What is in a socket of the head as far as the driver knows.
+/// Content of a socket of the head as far as the driver knows.
 #[derive(Debug, Clone, Copy)]
 struct Occupant {
-    /// `None`: its acknowledgement came when nobody waited for it any more.
-    wish: Option<Wish>,
+    /// `None`: its acknowledgement came after its time-out.
+    pending: Option<PendingCommand>,
     sequence: Option<u32>,
 }
 
-/// Whether a part gets where it was told to.
+/// Verification that a part reaches its commanded position.
 #[derive(Debug, Clone, Copy, Default)]
 struct Watch {
-    /// Where it was last [units].
+    /// Last reported position [units].
     seen: Option<[i32; 2]>,
-    /// When its last command was sent.
+    /// Time of its last command.
     sent_at: Time,
-    /// How often it was told again.
+    /// Number of repetitions.
     corrections: u32,
 }
 
@@ -150,7 +150,7 @@ impl Driver {
             settings,
             profile,
             wire,
-            link: Link::Closed("not opened yet".to_owned()),
+            link: Link::Closed("not open yet".to_owned()),
             phase: Phase::Closed { retry_at: Time(i64::MIN) },
             failures: 0,
             misses: 0,
@@ -159,8 +159,8 @@ impl Driver {
             has_noise: false,
             awaited: None,
             sockets: [None, None],
-            wishes: Wishes::default(),
-            goals: Wishes::default(),
+            pending: PendingCommands::default(),
+            goals: PendingCommands::default(),
             hold_until: Time(i64::MIN),
             blocked_since: None,
             cancelled: 2,
@@ -181,51 +181,51 @@ impl Driver {
         &self.profile
     }
 
-    /// How things are between driver and head.
+    /// State of the link between driver and head.
     pub fn link(&self) -> &Link {
         &self.link
     }
 
-    /// What has been counted.
+    /// Counts so far.
     pub fn counts(&self) -> Counts {
         let (stray, garbage_bytes) = self.wire.counts();
         Counts { stray, garbage_bytes, ..self.counts }
     }
 
-    /// Commands that the head has taken and not done, as far as the driver knows.
+    /// Commands that the head has accepted and not completed, as far as the driver knows.
     pub fn in_flight(&self) -> usize {
         self.sockets.iter().flatten().count()
     }
 
-    /// Whether a message is on the line whose answer has not come.
+    /// Whether a message waits for its answer.
     pub fn is_waiting(&self) -> bool {
         self.awaited.is_some()
     }
 
-    /// Whether every command was sent and done, and nothing is awaited.
+    /// Whether every command was sent and completed, and no answer is pending.
     pub fn is_idle(&self) -> bool {
         self.phase == Phase::Ready
             && self.in_flight() == 0
-            && self.wishes.first().is_none()
+            && self.pending.first().is_none()
             && !matches!(self.awaited, Some(Awaited { asked: Asked::Command(_), .. }))
     }
 
-    /// Tells the head to do something, as soon as the line and the head have room. A command for the same part that was not sent
-    /// yet is replaced.
+    /// Gives a command, which is sent as soon as the line and the head have room. A waiting command for the same part
+    /// is replaced.
     ///
     /// # Errors
-    /// A number that this model has no room for; nothing has changed then.
+    /// A number out of the model's range; nothing has changed then.
     pub fn command(&mut self, now: Time, command: Command) -> Result<CommandId, OutOfRange> {
         self.profile.check_command(&command)?;
         let id = CommandId(self.last_id.0 + 1);
         self.last_id = id;
         self.counts.given += 1;
-        let wish = Wish { id, command, since: now };
-        if let Some(replaced) = self.wishes.put(wish) {
+        let pending = PendingCommand { id, command, since: now };
+        if let Some(replaced) = self.pending.put(pending) {
             self.counts.replaced += 1;
             self.report(now, What::Replaced { id: replaced.id });
         }
-        self.goals.put(wish);
+        self.goals.put(pending);
         if let Some(watch) = self.watch(Part::of(&command)) {
             watch.corrections = 0;
         }
@@ -266,14 +266,14 @@ impl Driver {
             return;
         }
         self.has_noise |= !bytes.is_empty();
-        let mut heard = Vec::new();
-        self.wire.read(bytes, &mut heard);
-        for it in heard {
-            self.hear(now, it);
+        let mut received = Vec::new();
+        self.wire.read(bytes, &mut received);
+        for it in received {
+            self.take_message(now, it);
         }
     }
 
-    /// What to send now; call it until it gives nothing, whenever something came in, a command was given, or [`wake`](Self::wake) has come.
+    /// The next frame to send; call it until it returns `None`, whenever bytes came in, a command was given, or [`wake`](Self::wake) has come.
     pub fn poll(&mut self, now: Time) -> Option<Frame> {
         let timeout = self.timeout();
         if let Some(awaited) = &mut self.awaited {
@@ -303,7 +303,7 @@ impl Driver {
         }
     }
 
-    /// When to poll next if nothing happens until then; `None`: not before something does.
+    /// Next time to poll without an event; `None`: only after an event.
     pub fn wake(&self) -> Option<Time> {
         if let Some(awaited) = &self.awaited {
             return Some(awaited.deadline);
@@ -314,39 +314,39 @@ impl Driver {
             Phase::Greeting(_) => Some(Time(i64::MIN)),
             Phase::Ready => {
                 let blocked = self.blocked_since.map(|it| it + Interval::from_ms(self.settings.cancel_after_ms));
-                let wish = self.wishes.first().map(|_| {
+                let pending = self.pending.first().map(|_| {
                     let free = if self.has_room() { self.hold_until } else { Time(i64::MAX) };
                     blocked.map_or(free, |it| it.min(free))
                 });
                 let position = (self.settings.position_every_ms > 0.0).then_some(self.next_position);
                 let zoom = (self.settings.zoom_every_ms > 0.0).then_some(self.next_zoom);
-                [wish, position, zoom].into_iter().flatten().min()
+                [pending, position, zoom].into_iter().flatten().min()
             }
         }
     }
 
     /// The next message to a head that answers.
     fn choose(&mut self, now: Time) -> Option<Asked> {
-        let wish = self.wishes.first();
+        let pending = self.pending.first();
         let has_room = self.has_room();
-        if wish.is_some() && !has_room {
+        if pending.is_some() && !has_room {
             self.blocked_since.get_or_insert(now);
         }
-        if let (Some(wish), Some(since)) = (wish, self.blocked_since)
+        if let (Some(pending), Some(since)) = (pending, self.blocked_since)
             && now - since >= Interval::from_ms(self.settings.cancel_after_ms)
         {
             // From now on it waits anew: one cancel at a time.
             self.blocked_since = Some(now);
-            if let Some(socket) = self.socket_to_cancel(&wish) {
+            if let Some(socket) = self.socket_to_cancel(&pending) {
                 self.cancelled = socket;
                 return Some(Asked::Cancel { socket });
             }
         }
-        let command = wish.filter(|_| has_room && now >= self.hold_until);
+        let command = pending.filter(|_| has_room && now >= self.hold_until);
         let inquiry = self.due_inquiry(now);
         match (command, inquiry) {
-            (Some(wish), None) => Some(Asked::Command(wish)),
-            (Some(wish), Some(_)) if !self.said_command => Some(Asked::Command(wish)),
+            (Some(pending), None) => Some(Asked::Command(pending)),
+            (Some(pending), Some(_)) if !self.said_command => Some(Asked::Command(pending)),
             (_, Some(inquiry)) => Some(Asked::Inquiry(inquiry)),
             (None, None) => None,
         }
@@ -359,17 +359,17 @@ impl Driver {
         (self.settings.zoom_every_ms > 0.0 && now >= self.next_zoom).then_some(Inquiry::Zoom)
     }
 
-    /// A socket whose command stands in the way of `wish`.
-    fn socket_to_cancel(&self, wish: &Wish) -> Option<u8> {
+    /// A socket whose command blocks `pending`.
+    fn socket_to_cancel(&self, pending: &PendingCommand) -> Option<u8> {
         let after_last = [self.cancelled % 2 + 1, self.cancelled];
         if self.in_flight() == 0 {
             // The head says that it is full: it has commands that the driver does not know of.
             return Some(after_last[0]);
         }
-        let part = Part::of(&wish.command);
+        let part = Part::of(&pending.command);
         after_last.into_iter().find(|&socket| {
             let occupant = self.sockets[usize::from(socket) - 1];
-            occupant.is_some_and(|it| it.wish.is_none_or(|it| Part::of(&it.command) == part))
+            occupant.is_some_and(|it| it.pending.is_none_or(|it| Part::of(&it.command) == part))
         })
     }
 
@@ -377,14 +377,14 @@ impl Driver {
         self.sockets.iter().any(Option::is_none)
     }
 
-    /// Writes a message, and waits for its answer from now on.
+    /// Writes a message, and expects its answer from now on.
     fn say(&mut self, now: Time, asked: Asked) -> Option<Frame> {
         let request = match asked {
             Asked::Reset => None,
             Asked::AddressSet => Some(Request::AddressSet),
             Asked::Clear => Some(Request::Clear),
             Asked::Cancel { socket } => Some(Request::Cancel { socket }),
-            Asked::Command(wish) => Some(Request::Command(wish.command)),
+            Asked::Command(pending) => Some(Request::Command(pending.command)),
             Asked::Inquiry(inquiry) => Some(Request::Inquiry(inquiry)),
         };
         let written = match request {
@@ -396,14 +396,14 @@ impl Driver {
         self.awaited = Some(Awaited { asked, sequence, frame: frame.clone(), sent_at: now, deadline, resends: 0 });
         self.said_command = matches!(asked, Asked::Command(_));
         match asked {
-            Asked::Command(wish) => {
-                let part = Part::of(&wish.command);
-                self.wishes.take(part);
+            Asked::Command(pending) => {
+                let part = Part::of(&pending.command);
+                self.pending.take(part);
                 self.counts.sent += 1;
                 if let Some(watch) = self.watch(part) {
                     watch.sent_at = now;
                 }
-                self.report(now, What::Sent { id: wish.id, command: wish.command });
+                self.report(now, What::Sent { id: pending.id, command: pending.command });
             }
             Asked::Inquiry(Inquiry::PanTiltPosition) => {
                 self.next_position = now + Interval::from_ms(self.settings.position_every_ms);
@@ -414,7 +414,7 @@ impl Driver {
         Some(frame)
     }
 
-    /// A message got no answer.
+    /// A message timed out.
     fn miss(&mut self, now: Time, awaited: &Awaited) {
         self.counts.unanswered += 1;
         self.misses += 1;
@@ -422,15 +422,15 @@ impl Driver {
             self.patience = (self.patience + 1).min(MOST_PATIENCE);
             return self.pause(now);
         }
-        if let Asked::Command(wish) = awaited.asked {
-            self.put_back(now, wish);
+        if let Asked::Command(pending) = awaited.asked {
+            self.put_back(now, pending);
         }
         if self.misses >= self.settings.silent_after {
             self.pause(now);
         }
     }
 
-    /// How long an answer may take: more for a head that is slow, and more with each greeting without an answer.
+    /// Time-out of an answer: longer for a slow head, and doubled with each failed greeting.
     fn timeout(&self) -> Interval {
         let least = self.settings.reply_timeout_ms;
         Interval::from_ms((2.0 * self.answer_time.as_ms()).clamp(least, 8.0 * least) * f64::from(1 << self.patience))
@@ -442,7 +442,7 @@ impl Driver {
         self.answer_time = taken.max(Interval((7 * self.answer_time.0 + taken.0) / 8));
     }
 
-    /// A head that does not answer is left alone for a while, then greeted.
+    /// Pauses before a silent head is greeted again.
     fn pause(&mut self, now: Time) {
         let link = if self.has_noise { Link::Garbled } else { Link::Silent };
         self.pause_as(now, link);
@@ -464,45 +464,45 @@ impl Driver {
         });
     }
 
-    /// What is on the line and in the sockets is not known any more.
+    /// Forgets the messages on the line and the contents of the sockets.
     fn drop_line(&mut self, now: Time) {
-        if let Some(Awaited { asked: Asked::Command(wish), .. }) = self.awaited.take() {
-            self.put_back(now, wish);
+        if let Some(Awaited { asked: Asked::Command(pending), .. }) = self.awaited.take() {
+            self.put_back(now, pending);
         }
         self.sockets = [None, None];
         self.hold_until = Time(i64::MIN);
         self.blocked_since = None;
     }
 
-    /// The head answers: it gets what was commanded last.
+    /// The head answers: sends it the last commands.
     fn be_ready(&mut self, now: Time) {
         self.phase = Phase::Ready;
         self.failures = 0;
         self.set_link(now, Link::Ready);
-        let goals: Vec<Wish> = self.goals.all().collect();
+        let goals: Vec<PendingCommand> = self.goals.all().collect();
         for goal in goals {
             let part = Part::of(&goal.command);
-            if self.wishes.get(part).is_some() {
+            if self.pending.get(part).is_some() {
                 continue;
             }
-            if wishes::is_drive(&goal.command) {
+            if pending::is_drive(&goal.command) {
                 self.goals.take(part);
                 self.report(now, What::Failed { id: goal.id, why: Failure::Interrupted });
-            } else if wishes::is_repeatable(&goal.command) {
-                self.wishes.put(Wish { since: now, ..goal });
+            } else if pending::is_repeatable(&goal.command) {
+                self.pending.put(PendingCommand { since: now, ..goal });
             }
         }
     }
 
-    /// A command that was sent in vain is sent again, unless there is a newer one.
-    fn put_back(&mut self, now: Time, wish: Wish) {
-        if self.wishes.get(Part::of(&wish.command)).is_some() {
+    /// Restores a command whose sending failed, unless there is a newer one.
+    fn put_back(&mut self, now: Time, pending: PendingCommand) {
+        if self.pending.get(Part::of(&pending.command)).is_some() {
             return;
         }
-        if wishes::is_repeatable(&wish.command) {
-            self.wishes.put(wish);
+        if pending::is_repeatable(&pending.command) {
+            self.pending.put(pending);
         } else {
-            self.report(now, What::Failed { id: wish.id, why: Failure::Unanswered });
+            self.report(now, What::Failed { id: pending.id, why: Failure::Unanswered });
         }
     }
 

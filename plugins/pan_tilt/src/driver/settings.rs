@@ -1,4 +1,4 @@
-//! How a driver deals with its head.
+//! Settings of the driver.
 
 use foveate::prelude::{ConfigError, Interval};
 use schemars::JsonSchema;
@@ -10,45 +10,45 @@ use crate::visca::Address;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriverSettings {
-    /// Place of the head on its serial line, from 1 next to the controller to 7; over IP it is 1 [–].
+    /// Address of the head on its serial line, from 1 next to the controller to 7; over IP it is 1 [–].
     #[schemars(range(min = 1, max = 7))]
     pub address: u8,
-    /// A message without an answer for so long is taken for lost. At 9600 baud the longest message and its answer take 33 ms, and a head looks
-    /// at one message a field [ms].
+    /// Time-out of an answer. At 9600 baud the longest message and its answer take 33 ms, and a head processes
+    /// one message per field [ms].
     #[schemars(range(min = 1.0, max = 10_000.0))]
     pub reply_timeout_ms: f64,
-    /// Over IP: times that a message without an answer is sent again under its number [–].
+    /// Over IP: number of repetitions of an unanswered message under its sequence number [–].
     #[schemars(range(min = 0, max = 100))]
     pub resends: u32,
-    /// So many messages in a row without an answer: the head is silent and is greeted anew [–].
+    /// Consecutive unanswered messages after which the head is silent and is greeted again [–].
     #[schemars(range(min = 1, max = 1000))]
     pub silent_after: u32,
-    /// Until a head that is silent or a port that cannot be opened is tried again; doubles with each failure [ms].
+    /// Pause before a silent head or a closed port is tried again; doubles with each failure [ms].
     #[schemars(range(min = 1.0, max = 60_000.0))]
     pub retry_ms: f64,
-    /// Up to this [ms].
+    /// Largest such pause [ms].
     #[schemars(range(min = 1.0, max = 600_000.0))]
     pub retry_max_ms: f64,
-    /// Between two questions where the head looks; an answer takes about 30 ms of a line of 9600 baud; 0: never [ms].
+    /// Interval of position inquiries; an answer takes about 30 ms of a line of 9600 baud; 0: never [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub position_every_ms: f64,
-    /// Between two questions for the focal length; 0: never, but five times a second for a head whose calibration has a table of its zoom [ms].
+    /// Interval of zoom inquiries; 0: never, but five times a second for a head whose calibration has a zoom table [ms].
     #[schemars(range(min = 0.0, max = 60_000.0))]
     pub zoom_every_ms: f64,
-    /// A command that has waited so long for a socket makes the driver cancel the ones before it [ms].
+    /// Time that a command waits for a socket before the driver cancels the commands before it [ms].
     #[schemars(range(min = 1.0, max = 60_000.0))]
     pub cancel_after_ms: f64,
-    /// After a full buffer, until the next command [ms].
+    /// Pause after a full buffer until the next command [ms].
     #[schemars(range(min = 1.0, max = 10_000.0))]
     pub full_wait_ms: f64,
-    /// A head that so long after a command stands still elsewhere is told again: the command was changed on the line, or forgotten. More
+    /// Time after a command when a head that stopped elsewhere gets it again: it was corrupted on the line, or lost. More
     /// than the head's own latency [ms].
     #[schemars(range(min = 1.0, max = 60_000.0))]
     pub settle_ms: f64,
-    /// How far from what was commanded it may stand [units].
+    /// Tolerance of the commanded position [units].
     #[schemars(range(min = 0, max = 1000))]
     pub tolerance_units: u16,
-    /// So many times it is told again, and then reported [–].
+    /// Number of such repetitions before the failure is reported [–].
     #[schemars(range(min = 0, max = 1000))]
     pub corrections: u32,
 }
@@ -74,10 +74,10 @@ impl Default for DriverSettings {
 }
 
 impl DriverSettings {
-    /// Refuses numbers out of their ranges.
+    /// Refuses settings out of range.
     ///
     /// # Errors
-    /// The first of them.
+    /// The first such setting.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("address", self.address, 1..=7)?;
         ConfigError::unless_in("reply_timeout_ms", self.reply_timeout_ms, 1.0..=10_000.0)?;
@@ -99,7 +99,7 @@ impl DriverSettings {
         Address::new(self.address).unwrap_or(Address::FIRST)
     }
 
-    /// How long to wait after so many failures in a row, 1 for the first.
+    /// Pause after this many consecutive failures, 1 for the first.
     pub(super) fn back_off(&self, failures: u32) -> Interval {
         let doubled = self.retry_ms * 2f64.powi(failures.saturating_sub(1).min(30) as i32);
         Interval::from_ms(doubled.min(self.retry_max_ms))

@@ -3,7 +3,7 @@
 use crate::visca::ip::{self, Datagram, Kind};
 use crate::visca::{Address, Format, Framer, OutOfRange, Reply, Request};
 
-/// Which kind of line the head is on.
+/// Kind of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Medium {
     /// A stream of bytes in which each head has an address.
@@ -12,25 +12,25 @@ pub enum Medium {
     Ip,
 }
 
-/// Bytes that go out together: all of a packet, all of a datagram.
+/// Bytes that are sent together: a whole packet, or a whole datagram.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Frame(pub Vec<u8>);
 
-/// Something that came in.
+/// A received message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Heard {
-    /// Over IP: the number of what it answers.
+pub(super) struct Received {
+    /// Over IP: the number of the message that it answers.
     pub sequence: Option<u32>,
     pub what: Voice,
 }
 
-/// What came in.
+/// Kinds of received messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Voice {
     Reply(Reply),
-    /// Counting begins anew.
+    /// The sequence numbers restart.
     Reset,
-    /// The number was there before: what it stood on has been done.
+    /// The number was used before: its message has been executed.
     SequenceError,
 }
 
@@ -56,7 +56,7 @@ impl Wire {
         self.medium
     }
 
-    /// The frame of a request under a number of its own.
+    /// The frame of a request, with its own sequence number.
     pub(super) fn write(&mut self, request: &Request) -> Result<(Frame, Option<u32>), OutOfRange> {
         let packet = request.encode(self.address, self.format)?;
         Ok(match self.medium {
@@ -70,27 +70,27 @@ impl Wire {
         })
     }
 
-    /// The frame that lets counting begin anew: the next request has number 0.
+    /// The frame that restarts the sequence numbers: the next request has number 0.
     pub(super) fn write_reset(&mut self) -> Frame {
         self.sequence = 0;
         Frame(Datagram { kind: Kind::Control, sequence: 0, payload: ip::RESET }.encode())
     }
 
-    /// What is in bytes that came together.
-    pub(super) fn read(&mut self, bytes: &[u8], into: &mut Vec<Heard>) {
+    /// The messages in bytes that came together.
+    pub(super) fn read(&mut self, bytes: &[u8], into: &mut Vec<Received>) {
         match self.medium {
             Medium::Serial => {
                 for &byte in bytes {
                     let Some(packet) = self.framer.push(byte) else { continue };
                     match Reply::decode(&packet, self.address.number()) {
-                        Some(reply) => into.push(Heard { sequence: None, what: Voice::Reply(reply) }),
+                        Some(reply) => into.push(Received { sequence: None, what: Voice::Reply(reply) }),
                         None => self.stray += 1,
                     }
                 }
             }
             Medium::Ip => match Datagram::decode(bytes) {
                 Ok(datagram) => match voice(&datagram, self.address) {
-                    Some(what) => into.push(Heard { sequence: Some(datagram.sequence), what }),
+                    Some(what) => into.push(Received { sequence: Some(datagram.sequence), what }),
                     None => self.stray += 1,
                 },
                 Err(_) => self.garbage += bytes.len() as u64,
@@ -98,17 +98,17 @@ impl Wire {
         }
     }
 
-    /// Something that was read fits nothing.
+    /// Counts a received message that matches nothing.
     pub(super) fn count_stray(&mut self) {
         self.stray += 1;
     }
 
-    /// Forgets what has begun to come, as after the line was cut.
+    /// Discards an incomplete packet, as after the line was cut.
     pub(super) fn cut(&mut self) {
         self.framer.discard();
     }
 
-    /// Packets that fit nothing, bytes in no packet.
+    /// Packets that match nothing, bytes in no packet.
     pub(super) fn counts(&self) -> (u64, u64) {
         (self.stray, self.garbage + self.framer.discarded())
     }

@@ -1,7 +1,7 @@
-//! `pan_tilt.sweep`: drives a head over settings while somebody waves a light, for `pan_tilt.calibrator` to find its axes [Davis 2002 §4.2].
+//! `pan_tilt.sweep`: drives a head through settings while a person waves a light, for `pan_tilt.calibrator` [Davis 2002 §4.2].
 //!
-//! At each setting it waits until the head has arrived and settled, and until the light was seen often enough and all over the picture, or a time
-//! is over: see [`Sweep`].
+//! At each setting it waits until the head has arrived and settled, and until the light was seen often enough and all over the picture, or a time limit
+//! is reached: see [`Sweep`].
 
 mod settings;
 #[cfg(test)]
@@ -12,8 +12,8 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use foveate::calibration::head::{Sweep, SweepOptions, SweepOrder};
 use foveate::prelude::*;
+use foveate_calibration::head::{Sweep, SweepOptions, SweepOrder};
 
 pub use settings::SweepSettings;
 
@@ -24,20 +24,20 @@ ports! {
 }
 
 figures! {
-    "sweep.*.settings": count, neither, "Settings of that head to be visited; those beyond its limits are left out";
-    "sweep.*.visited": count, high, "Settings that are behind it";
-    "sweep.*.reached": count, high, "Settings that the head said it stood at";
+        "sweep.*.settings": count, neither, "Settings to be visited by that head, without those beyond its limits";
+        "sweep.*.visited": count, high, "Settings visited so far";
+        "sweep.*.reached": count, high, "Settings that the head reported to have reached";
     "sweep.*.filled": count, high, "Settings with enough observations of the light";
     "sweep.*.observations": count, high, "Observations of the light, over all settings";
 }
 
-/// A head on its way over settings; each picture of its camera is a turn.
+/// A head on its way through settings; each picture of its camera is an activation.
 pub struct SweepNode {
     sweep: Sweep,
     camera: CameraId,
     name: String,
     speed: f64,
-    /// Where the head said last that it was.
+    /// Last reported angles of the head.
     angles: Option<[f64; 2]>,
     next_event: u64,
     is_done: bool,
@@ -47,21 +47,22 @@ pub struct SweepNode {
     advice: Advice,
 }
 
-/// What the person with the light is told.
+/// Advice to the person with the light.
 struct Advice {
     path: Option<PathBuf>,
     name: String,
-    told: String,
+    advice: String,
     next: Time,
 }
 
-/// Nobody can follow what changes faster.
+/// Smallest interval between advice that a person can follow.
 const ADVICE_EVERY: Interval = Interval(1_000_000_000);
 
 impl Node for SweepNode {
     const TYPE: &'static str = "pan_tilt.sweep";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Drives a head over settings for its calibration, and says where the light is wanted";
+    const SUMMARY: &'static str =
+        "Drives a head through the settings of its calibration, and says where to hold the light";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SweepSettings;
 
@@ -73,7 +74,7 @@ impl Node for SweepNode {
         settings.check()?;
         let (Some(camera), Some(model)) = (setup.camera, setup.camera_model()) else {
             return Err(ConfigError::node(
-                "found no camera, expected `each` or `camera` to name the cameras of the calibration that stand on heads",
+                "found no camera, expected `each` or `camera` to name the cameras of the calibration that are on heads",
             ));
         };
         let name = setup.camera_name().unwrap_or_default().to_owned();
@@ -115,7 +116,7 @@ impl Node for SweepNode {
             advice: Advice {
                 path: setup.out_dir.as_ref().map(|it| it.join(&advice)),
                 name: advice,
-                told: String::new(),
+                advice: String::new(),
                 next: Time::ZERO,
             },
         })
@@ -184,14 +185,14 @@ impl Advice {
         let Some(path) = self.path.as_ref().filter(|_| now >= self.next) else { return Ok(()) };
         self.next = now + ADVICE_EVERY;
         let sentence = sweep.to_string();
-        if sentence == self.told {
+        if sentence == self.advice {
             return Ok(());
         }
-        let begins = self.told.is_empty();
+        let begins = self.advice.is_empty();
         let open = OpenOptions::new().create(true).write(true).append(!begins).truncate(begins).open(path);
         open.and_then(|mut file| writeln!(file, "{:7.1} s  {sentence}", now.as_s()))
             .map_err(|error| NodeError::input(format_args!("`{}` cannot be written: {error}", self.name)))?;
-        self.told = sentence;
+        self.advice = sentence;
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Where a head is driven for its calibration, and for how long.
+//! Settings of the motion of a head for its calibration.
 
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
@@ -8,37 +8,37 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SweepSettings {
-    /// Pan, with tilt at rest, each -360 to 360 [°]
+    /// Pan settings, with tilt at rest, each -360 to 360 [°]
     pub pan_deg: Vec<f64>,
-    /// Tilt, with pan at rest, each -180 to 180 [°]
+    /// Tilt settings, with pan at rest, each -180 to 180 [°]
     pub tilt_deg: Vec<f64>,
-    /// Pan and tilt, both off rest: without such settings no data tell which axis carries the other [°]
+    /// Pan and tilt, both off rest: without such settings the order of the axes is unobservable [°]
     pub both_deg: Vec<[f64; 2]>,
-    /// How fast the head turns from one to the next [°/s]
+    /// Speed between settings [°/s]
     #[schemars(range(min = 0.1, max = 1000.0))]
     pub speed_deg_per_s: f64,
-    /// The head is at a setting when it says that it is this close; more than one of its units [°]
+    /// Largest distance of a head that has arrived at a setting; more than one of its units [°]
     #[schemars(range(min = 0.001, max = 10.0))]
     pub tolerance_deg: f64,
-    /// How long after it stopped what it carries still swings [ms]
+    /// Settling time of the camera after a motion [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub settle_ms: f64,
-    /// The light counts anew when it moved by so much in the picture [px]
+    /// Motion of the light in the picture after which it counts again [px]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub step_px: f64,
-    /// So many observations are enough at a setting … [–]
+    /// Sufficient number of observations at a setting … [–]
     #[schemars(range(min = 1, max = 100000))]
     #[schemars(extend("x-formerly" = "sightings"))]
     pub observations: u32,
-    /// … when they lie in so many ninths of the picture [–]
+    /// … in this many ninths of the picture [–]
     #[schemars(range(min = 1, max = 9))]
     pub cells: u32,
-    /// After this it goes on with what there is [s]
+    /// Time limit at each setting [s]
     #[schemars(range(min = 0.1, max = 3600.0))]
     pub longest_s: f64,
-    /// File of the results that gets what was seen at each setting; `{camera}` is the camera's name [–]
+    /// File of the observations at each setting in the results folder; `{camera}` is the camera's name [–]
     pub file: String,
-    /// File of the results that says while the run lasts where the head is and where the light is wanted, a line whenever that changes: to be
+    /// File of the live advice in the results folder: where the head is and where to hold the light, a line per change, to be
     /// followed with `tail -f`; `{camera}` is the camera's name [–]
     pub advice: String,
 }
@@ -73,7 +73,7 @@ impl Default for SweepSettings {
 }
 
 impl SweepSettings {
-    /// Refuses what is out of range.
+    /// Refuses settings out of range.
     ///
     /// # Errors
     /// The first such setting.
@@ -94,7 +94,7 @@ impl SweepSettings {
         check("longest_s", self.longest_s, 0.1..=3600.0)
     }
 
-    /// Pan and tilt of all settings, in their order [rad].
+    /// Pan and tilt of all settings, in order [rad].
     pub fn places(&self) -> Vec<[f64; 2]> {
         let pans = self.pan_deg.iter().map(|it| [*it, 0.0]);
         let tilts = self.tilt_deg.iter().map(|it| [0.0, *it]);

@@ -14,7 +14,7 @@ pub const PORT: u16 = 52_381;
 /// Length of the header [bytes].
 pub const HEADER: usize = 8;
 
-/// What a datagram carries.
+/// Content of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Kind {
@@ -27,7 +27,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind under which a request goes out.
+    /// The kind of a request's datagram.
     pub fn of(request: &Request) -> Kind {
         match request {
             Request::Inquiry(_) => Kind::Inquiry,
@@ -37,7 +37,7 @@ impl Kind {
     }
 }
 
-/// A datagram taken apart.
+/// A decoded datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Datagram<'a> {
     /// What it carries.
@@ -50,9 +50,9 @@ pub struct Datagram<'a> {
 
 /// Control: count from 0 again. The reply carries the same byte.
 pub const RESET: &[u8] = &[0x01];
-/// Of the head: that number was there before, or is not the next one.
+/// From the head: the number was used before, or is not the next one.
 pub const SEQUENCE_ERROR: &[u8] = &[0x0F, 0x01];
-/// Of the head: that kind of message is not known.
+/// From the head: that kind of message is unknown.
 pub const KIND_ERROR: &[u8] = &[0x0F, 0x02];
 
 /// Why bytes are no datagram of VISCA over IP.
@@ -75,7 +75,7 @@ pub enum NoDatagram {
 }
 
 impl<'a> Datagram<'a> {
-    /// Takes a datagram apart.
+    /// Decodes a datagram.
     ///
     /// # Errors
     /// What is wrong with it.

@@ -1,4 +1,4 @@
-//! The VISCA protocol: bytes to meaning and back. No time, no state, no line.
+//! The VISCA protocol: encoding and decoding. No time, no state, no line.
 //!
 //! Sources: Sony, *EVI-D30/D31 Command List*, version 1.21; *EVI-D100 Technical Manual*; *EVI-D70 Technical Manual*; *BRC-H700
 //! Command List* (five digits of pan); *SRG-300H Technical Manual* (VISCA over IP).
@@ -6,10 +6,10 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`packet`] | header, message, terminator; packets found in a stream with garbage in it |
-//! | [`request`] | what a controller says: commands, inquiries, cancel, clear, address set |
-//! | [`reply`] | what a head says: acknowledged, completed, refused, answers |
+//! | [`request`] | messages of a controller: commands, inquiries, cancel, clear, address set |
+//! | [`reply`] | messages of a head: acknowledged, completed, refused, answers |
 //! | [`ip`] | the eight bytes before each packet over UDP |
-//! | [`profile`] | what models differ in: digits, units, ranges, speeds |
+//! | [`profile`] | differences between models: digits, units, ranges, speeds |
 
 pub mod ip;
 mod nibbles;
@@ -26,7 +26,7 @@ pub use request::{Command, Corner, Inquiry, OutOfRange, PanDrive, Request, Speed
 /// The last byte of every packet.
 pub(crate) const VISCA_END: u8 = 0xFF;
 
-/// Where a head is on its line: 1 is next to the controller, 7 the last.
+/// Address of a head on its line: 1 is next to the controller, 7 the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address(u8);
 
@@ -45,18 +45,18 @@ impl Address {
     }
 }
 
-/// How a model writes positions: which is not said by the packets themselves.
+/// Format of a model's positions, which the packets do not state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Format {
     /// Hexadecimal digits of a pan position, 4 or 5; tilt has 4 on every model.
     pub pan_digits: usize,
-    /// Whether absolute and relative moves carry a speed of tilt; where not (BRC), pan's counts for both, and 0 is sent.
+    /// Whether absolute and relative moves carry a speed of tilt; if not (BRC), pan's speed is used for both, and 0 is sent.
     pub tilt_speed: bool,
 }
 
 impl Format {
     /// EVI series and most others.
     pub const EVI: Format = Format { pan_digits: 4, tilt_speed: true };
-    /// BRC-300, BRC-H700 and their likes.
+    /// BRC-300, BRC-H700 and similar models.
     pub const BRC: Format = Format { pan_digits: 5, tilt_speed: false };
 }

@@ -33,7 +33,7 @@ impl Packet {
         &self.bytes[..self.length]
     }
 
-    /// The first byte: who sends to whom.
+    /// The first byte: sender and receiver.
     pub fn header(&self) -> u8 {
         self.bytes[0]
     }
@@ -53,9 +53,9 @@ impl fmt::Debug for Packet {
     }
 }
 
-/// Finds the packets of a head in a stream of bytes, whatever else is in it.
+/// Finds the packets of a head in a stream with other bytes.
 ///
-/// Behind its header no reply of a head holds a byte of 0x80 or above but the terminator. Such a byte therefore begins a new
+/// After its header, a head's reply contains no byte of 0x80 or above except the terminator. Such a byte therefore begins a new
 /// packet: after a lost terminator only the packet that lost it is lost.
 #[derive(Debug, Clone, Default)]
 pub struct Framer {
@@ -95,7 +95,7 @@ impl Framer {
         }
     }
 
-    /// Forgets a packet that was begun, as after the line was cut.
+    /// Discards an incomplete packet, as after the line was cut.
     pub fn discard(&mut self) {
         self.discarded += self.begun.len() as u64;
         self.begun.clear();

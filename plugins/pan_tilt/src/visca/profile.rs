@@ -1,4 +1,4 @@
-//! What models of heads differ in: how they write positions, how many units make a degree, how far and how fast they go.
+//! Profiles of head models: format of positions, units per degree, ranges and speeds.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,12 +10,12 @@ use super::{Command, Format, Speed};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// For people [–].
+    /// Name of the model [–].
     pub name: String,
     /// Hexadecimal digits of a pan position; BRC models have 5 [–].
     #[schemars(range(min = 4, max = 5))]
     pub pan_digits: u8,
-    /// Absolute moves carry a speed of tilt; with BRC models the speed of pan counts for both axes [–].
+    /// Absolute moves carry a speed of tilt; BRC models use the speed of pan for both axes [–].
     pub tilt_speed: bool,
     /// The axis that turns the camera from side to side, positive to the right [–].
     pub pan: AxisProfile,
@@ -30,7 +30,7 @@ pub struct Profile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisProfile {
-    /// Negative where the head counts the other way [units/°].
+    /// Units per degree, negative where the head counts in the opposite direction [units/°].
     #[schemars(range(min = -1000.0, max = 1000.0))]
     pub units_per_deg: f64,
     /// Lowest position [units].
@@ -39,7 +39,7 @@ pub struct AxisProfile {
     /// Highest position [units].
     #[schemars(range(min = -524288, max = 524287))]
     pub max_units: i32,
-    /// What the speeds 1, 2, … mean, ascending [°/s].
+    /// Speeds 1, 2, …, ascending [°/s].
     pub speeds_deg_per_s: Vec<f64>,
 }
 
@@ -92,12 +92,12 @@ impl Profile {
         }
     }
 
-    /// How positions are written.
+    /// Format of positions.
     pub fn format(&self) -> Format {
         Format { pan_digits: usize::from(self.pan_digits), tilt_speed: self.tilt_speed }
     }
 
-    /// What makes no sense in a profile that somebody wrote; the sentence names the setting.
+    /// Checks a user's profile; the sentence names the setting.
     ///
     /// # Errors
     /// The first fault.
@@ -111,10 +111,10 @@ impl Profile {
         Ok(())
     }
 
-    /// Whether the head can do what it is told.
+    /// Whether the head supports a command.
     ///
     /// # Errors
-    /// The first number that this model has no room for.
+    /// The first number out of the model's range.
     pub fn check_command(&self, command: &Command) -> Result<(), OutOfRange> {
         let speeds = |speed: Speed| {
             OutOfRange::unless_in("speed of pan", i32::from(speed.pan), 1, self.pan.highest_speed())?;
@@ -162,7 +162,7 @@ impl AxisProfile {
         Ok(())
     }
 
-    /// Nearest position to an angle [units]; beyond the ends it is the end.
+    /// Nearest position to an angle within the limits [units].
     pub fn units(&self, angle_rad: f64) -> i32 {
         let units = (angle_rad.to_degrees() * self.units_per_deg).round();
         (units as i32).clamp(self.min_units, self.max_units)
@@ -192,7 +192,7 @@ impl AxisProfile {
         (below + 1).min(self.speeds_deg_per_s.len()) as u8
     }
 
-    /// What a speed means [rad/s]; `None` for one that the model does not have.
+    /// Speed of a code [rad/s]; `None` for one that the model does not have.
     pub fn speed_rad_per_s(&self, code: u8) -> Option<f64> {
         self.speeds_deg_per_s.get(usize::from(code).checked_sub(1)?).map(|it| it.to_radians())
     }

@@ -1,4 +1,4 @@
-//! What a head says to its controller.
+//! Messages of a head to its controller.
 
 use super::{Format, Inquiry, Packet, Speed, nibbles};
 
@@ -7,45 +7,45 @@ use super::{Format, Inquiry, Packet, Speed, nibbles};
 pub enum Reply {
     /// The heads of the line have numbered themselves.
     AddressSet {
-        /// How many there are.
+        /// Number of heads.
         heads: u8,
     },
     /// Every head has forgotten its commands.
     ClearedAll,
-    /// A head was put on the line, taken off it or switched on: addresses have to be set anew.
+    /// A head was connected, disconnected or switched on: addresses have to be set again.
     NetworkChange,
-    /// A command was taken.
+    /// A command was accepted.
     Acknowledged {
-        /// Where it is kept until it is done.
+        /// Socket that holds it until it is done.
         socket: u8,
     },
     /// A command is done, or cancelled commands are cleared (socket 0).
     Completed {
-        /// The one that is free again.
+        /// The socket that is free again.
         socket: u8,
     },
-    /// The answer to an inquiry: to be read by [`Inquiry::read`].
+    /// The answer to an inquiry, for [`Inquiry::read`].
     Answer(Packet),
-    /// A command or an inquiry is not done.
+    /// A command or an inquiry was refused.
     Refused {
-        /// The command's; 0 where it never got one.
+        /// The command's socket; 0 without one.
         socket: u8,
-        /// Why.
+        /// The reason.
         refusal: Refusal,
     },
 }
 
-/// Why a head does not do what it is told.
+/// Why a head refuses a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// 01
-    #[error("the head finds the message too long")]
+    #[error("the message is too long for the head")]
     Length,
     /// 02
-    #[error("the head does not know this message, or a number in it is out of its range")]
+    #[error("the message is unknown to the head, or a number in it is out of range")]
     Syntax,
     /// 03
-    #[error("the head has as many commands as it can keep")]
+    #[error("the head's command buffer is full")]
     BufferFull,
     /// 04
     #[error("the command was cancelled")]
@@ -57,12 +57,12 @@ pub enum Refusal {
     #[error("the head cannot do this now")]
     NotExecutable,
     /// Any other number.
-    #[error("the head refuses with the number {0:#04x}")]
+    #[error("the head refused with code {0:#04x}")]
     Other(u8),
 }
 
 impl Reply {
-    /// What a packet of the head at `address` (1 to 7) says; `None` for packets of others and for what is no reply.
+    /// Decodes a packet of the head at `address` (1 to 7); `None` for other packets.
     pub fn decode(packet: &Packet, address: u8) -> Option<Reply> {
         if packet.header() == 0x88 {
             return match *packet.message() {
@@ -106,7 +106,7 @@ impl Refusal {
     }
 }
 
-/// What a head answers to an [`Inquiry`].
+/// Answer of a head to an [`Inquiry`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answer {
     /// Whether it is on.
@@ -115,15 +115,15 @@ pub enum Answer {
     Version(Version),
     /// Focal length [units].
     Zoom(u16),
-    /// Whether it focuses by itself.
+    /// Whether autofocus is on.
     FocusAuto(bool),
     /// Focus [units].
     Focus(u16),
-    /// The bits of its mechanics, as the manual of the model lists them.
+    /// Status bits of the mechanics, as listed in the model's manual.
     Status(u16),
-    /// The greatest speeds.
+    /// Largest speeds.
     MaxSpeed(Speed),
-    /// Where it looks.
+    /// Pan and tilt.
     Position {
         /// [units]
         pan: i32,
@@ -132,16 +132,16 @@ pub enum Answer {
     },
 }
 
-/// Which model a head is.
+/// Model of a head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Version {
     /// 0x0020 and 0x0001 are Sony.
     pub vendor: u16,
     /// 0x0402 is an EVI-D30.
     pub model: u16,
-    /// Revision of the program in it.
+    /// Firmware revision.
     pub rom: u16,
-    /// Commands that it can keep.
+    /// Number of sockets.
     pub sockets: u8,
 }
 

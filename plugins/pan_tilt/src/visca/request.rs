@@ -1,4 +1,4 @@
-//! What a controller says to a head.
+//! Messages of a controller to a head.
 
 use super::{Address, Format, Packet, VISCA_END, nibbles};
 
@@ -7,22 +7,22 @@ use super::{Address, Format, Packet, VISCA_END, nibbles};
 pub enum Request {
     /// Broadcast: the heads of the line number themselves from 1.
     AddressSet,
-    /// Broadcast: every head forgets the commands that it has.
+    /// Broadcast: every head drops its commands.
     ClearAll,
-    /// The head forgets the commands that it has, the one being executed too.
+    /// The head drops its commands, including the one being executed.
     Clear,
-    /// The command in this socket is given up.
+    /// Cancels the command in this socket.
     Cancel {
-        /// 1 or 2 with the heads that are known; at most 15.
+        /// 1 or 2 with known heads; at most 15.
         socket: u8,
     },
-    /// Do this: acknowledged at once, completed when done.
+    /// A command: acknowledged at once, completed when done.
     Command(Command),
-    /// Say this: answered at once, takes no socket.
+    /// An inquiry: answered at once, takes no socket.
     Inquiry(Inquiry),
 }
 
-/// What a head is told to do. Positions and speeds are the head's own, see [`Profile`](super::Profile).
+/// A command. Positions and speeds are in the head's units, see [`Profile`](super::Profile).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
     /// Go to a position.
@@ -31,58 +31,58 @@ pub enum Command {
         pan: i32,
         /// [units]
         tilt: i32,
-        /// How fast.
+        /// Speed.
         speed: Speed,
     },
-    /// Go by so much from where it is. Some models round each step: a chain of them drifts.
+    /// Move relative to the present position. Some models round each step: a sequence of them drifts.
     Relative {
         /// [units]
         pan: i32,
         /// [units]
         tilt: i32,
-        /// How fast.
+        /// Speed.
         speed: Speed,
     },
-    /// Move until told otherwise; both axes at `Stop`: stop.
+    /// Move until another command; both axes at `Stop`: stop.
     Drive {
-        /// Which way to pan.
+        /// Direction of pan.
         pan: PanDrive,
-        /// Which way to tilt.
+        /// Direction of tilt.
         tilt: TiltDrive,
-        /// How fast.
+        /// Speed.
         speed: Speed,
     },
-    /// Go to the middle of both axes.
+    /// Go to the centre of both axes.
     Home,
-    /// Find the ends of the axes anew, then go to the middle.
+    /// Find the ends of the axes again, then go to the centre.
     Reset,
-    /// Go no further than this.
+    /// Set a limit of motion.
     LimitSet {
-        /// Which two ends are meant.
+        /// The limited corner.
         corner: Corner,
         /// [units]
         pan: i32,
         /// [units]
         tilt: i32,
     },
-    /// Go as far as the mechanics do.
+    /// Remove a limit of motion.
     LimitClear {
-        /// Which two ends are meant.
+        /// The limited corner.
         corner: Corner,
     },
     /// Go to this focal length [units].
     ZoomDirect(u16),
-    /// Zoom until told otherwise.
+    /// Zoom until another command.
     Zoom(ZoomDrive),
-    /// Focus by itself, or stay.
+    /// Autofocus on or off.
     FocusAuto(bool),
-    /// Go to this focus [units]; refused while focusing by itself.
+    /// Go to this focus [units]; refused while autofocus is on.
     FocusDirect(u16),
     /// On, or standby.
     Power(bool),
 }
 
-/// How fast the axes move, in the head's own steps.
+/// Speed of the axes, in the head's own steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Speed {
     /// 1 is the slowest.
@@ -91,7 +91,7 @@ pub struct Speed {
     pub tilt: u8,
 }
 
-/// Which way to pan.
+/// Direction of pan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum PanDrive {
@@ -100,7 +100,7 @@ pub enum PanDrive {
     Stop = 3,
 }
 
-/// Which way to tilt.
+/// Direction of tilt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum TiltDrive {
@@ -109,7 +109,7 @@ pub enum TiltDrive {
     Stop = 3,
 }
 
-/// The two ends that one limit names.
+/// The two ends of one limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Corner {
@@ -117,7 +117,7 @@ pub enum Corner {
     UpRight = 1,
 }
 
-/// Which way to zoom, at the standard speed or at one from 0 to 15 (models know 0 to 7).
+/// Direction of zoom, at the standard speed or at one from 0 to 15 (models support 0 to 7).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum ZoomDrive {
@@ -126,7 +126,7 @@ pub enum ZoomDrive {
     Wide(Option<u8>),
 }
 
-/// What a head is asked.
+/// An inquiry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inquiry {
     /// Whether it is on.
@@ -135,29 +135,29 @@ pub enum Inquiry {
     Version,
     /// Focal length [units].
     Zoom,
-    /// Whether it focuses by itself.
+    /// Whether autofocus is on.
     FocusMode,
     /// Focus [units].
     Focus,
-    /// The bits of its mechanics.
+    /// Status bits of the mechanics.
     PanTiltStatus,
-    /// The greatest speeds.
+    /// Largest speeds.
     PanTiltMaxSpeed,
-    /// Where it looks [units].
+    /// Pan and tilt [units].
     PanTiltPosition,
 }
 
-/// A number that has no place in a packet.
+/// A number out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{what} is {found}, expected {min} to {max}")]
 pub struct OutOfRange {
-    /// The number.
+    /// Name of the number.
     pub what: &'static str,
     /// Its value.
     pub found: i32,
-    /// The least that is allowed.
+    /// Smallest allowed value.
     pub min: i32,
-    /// The most that is allowed.
+    /// Largest allowed value.
     pub max: i32,
 }
 
@@ -196,7 +196,7 @@ impl Request {
         Ok(Packet::from_bytes(&bytes).unwrap_or_else(|| unreachable!("requests have a header and 1 to 14 bytes")))
     }
 
-    /// What a packet says; `None` for what is none of these requests.
+    /// Decodes a packet; `None` for anything but these requests.
     pub fn decode(packet: &Packet, format: Format) -> Option<Request> {
         match *packet.message() {
             [0x30, 0x01] if packet.header() == 0x88 => Some(Request::AddressSet),
@@ -255,7 +255,7 @@ impl Command {
         Ok(())
     }
 
-    /// From what follows the 0x01.
+    /// Decodes the bytes after the 0x01.
     fn read(message: &[u8], format: Format) -> Option<Command> {
         let position = |digits: &[u8]| {
             if digits.len() != format.pan_digits + 4 {

@@ -1,8 +1,8 @@
-//! Which of many fixed cameras are worth processing for the targets of the moment.
+//! Selection of the fixed cameras that are worth processing for the present targets.
 //!
-//! Target by target, a pair of cameras and then one after another is taken that adds most to what their lines of sight tell together
-//! ([`Worth`]), less what each costs: little where another target needs the camera anyway, more where it sees the target small, at the rim of
-//! the picture, or has not seen it of late though it should have.
+//! For each target, a pair of cameras and then further ones are added that increase the joint information of their lines of sight most
+//! ([`Worth`]), less what each costs: little where another target uses the camera anyway, more where it sees the target small, at the rim of
+//! the picture, or has not seen it recently although it should have.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::settings::CamerasSettings;
 
-/// Cameras that are looked at in pairs for a target: the cheapest.
+/// Most cameras that are tried in pairs for a target: the cheapest.
 const CANDIDATES: usize = 40;
 
 /// Chooses cameras.
@@ -21,26 +21,26 @@ pub struct Chooser {
     settings: CamerasSettings,
     worth: Worth,
     cameras: Vec<(CameraId, Camera)>,
-    /// By target, by place in `cameras`: when it was last seen there.
+    /// By target, by index in `cameras`: time of the last observation.
     seen: BTreeMap<TargetId, Vec<Option<Time>>>,
-    /// By place in `cameras`: whether the last choice had it.
+    /// By index in `cameras`: whether the last choice included it.
     chosen: Vec<bool>,
     last: Option<Time>,
     tally: Tally,
 }
 
-/// What happened so far.
+/// Counts so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
     /// Choices made.
     pub choices: u64,
     /// Cameras chosen, over all choices.
     pub cameras: u64,
-    /// Cameras that a choice had and the one before had not, while there were targets.
+    /// Cameras that were added to a choice, while there were targets.
     pub changes: u64,
     /// Targets, over all choices.
     pub targets: u64,
-    /// Of these, those that fewer than two cameras can see.
+    /// Targets that fewer than two cameras can see.
     pub unseen: u64,
 }
 
@@ -53,19 +53,19 @@ struct View {
 }
 
 impl Chooser {
-    /// Among these cameras.
+    /// For these cameras.
     pub fn new(settings: CamerasSettings, cameras: Vec<(CameraId, Camera)>) -> Chooser {
         let worth = Worth { best_angle: settings.best_angle_deg.to_radians(), ..Worth::default() };
         let chosen = vec![true; cameras.len()];
         Chooser { settings, worth, cameras, seen: BTreeMap::new(), chosen, last: None, tally: Tally::default() }
     }
 
-    /// What happened so far.
+    /// Counts so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// How many cameras there are to choose from.
+    /// Number of cameras to choose from.
     pub fn n_cameras(&self) -> usize {
         self.cameras.len()
     }
@@ -101,7 +101,7 @@ impl Chooser {
         Some(CameraChoice { cameras })
     }
 
-    /// Remembers who saw whom.
+    /// Stores which cameras saw the targets.
     fn note(&mut self, targets: &Targets) {
         for target in &targets.list {
             let seen = self.seen.entry(target.id).or_insert_with(|| vec![None; self.cameras.len()]);
@@ -114,7 +114,7 @@ impl Chooser {
         self.seen.retain(|id, _| targets.list.iter().any(|it| it.id == *id));
     }
 
-    /// The cameras whose pictures `place` is on, the cheapest first.
+    /// The cameras with `place` in view, the cheapest first.
     fn views(&self, now: Time, id: TargetId, place: &Point3<f64>, used: &[bool]) -> Vec<View> {
         let CamerasSettings { camera_cost, change_cost, coarse_cost, rim_cost, rim_px, hidden_cost, hidden_ms, .. } =
             self.settings;
@@ -147,7 +147,7 @@ impl Chooser {
         views
     }
 
-    /// A pair, then one after another as long as it gains.
+    /// A pair, then further cameras as long as each is a gain.
     fn pick(&self, views: &[View]) -> Vec<usize> {
         let views = &views[..views.len().min(CANDIDATES)];
         let (least, most) = (self.settings.least as usize, self.settings.most as usize);

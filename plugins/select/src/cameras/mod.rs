@@ -1,4 +1,4 @@
-//! `select.cameras`: picks, out of many fixed cameras, those worth processing.
+//! `select.cameras`: chooses, out of many fixed cameras, those worth processing.
 
 mod choose;
 mod settings;
@@ -17,15 +17,15 @@ ports! {
 
 figures! {
     "select.choices": count, neither, "Choices made";
-    "select.changes": count, low, "Cameras that a choice had and the one before had not; without targets not counted";
+        "select.changes": count, low, "Cameras that were added to a choice; choices without targets are not counted";
     "select.cameras.mean": count, low, "Cameras chosen, mean over all choices";
-    "select.targets_seen_by_fewer_than_two": share, low, "Targets that fewer than two cameras can see, of all targets of all choices";
+        "select.targets_seen_by_fewer_than_two": share, low, "Share of the targets of all choices that fewer than two cameras can see";
 }
 
-/// Targets in, the cameras that see them best together out: in view and not at the rim, large, from well apart, not hidden; a few for each
+/// Targets in, the cameras that see them best together out: in view and not at the rim, large, from different directions, not occluded; a few for each
 /// target, and as few as possible in all. `select.gate` lets their pictures through.
 ///
-/// Without targets all cameras are chosen. A choice changes only where that gains something.
+/// Without targets all cameras are chosen. A choice changes only for a gain.
 pub struct CamerasNode {
     chooser: Chooser,
 }
@@ -33,7 +33,7 @@ pub struct CamerasNode {
 impl Node for CamerasNode {
     const TYPE: &'static str = "select.cameras";
     const ROLE: Role = Role::Selector;
-    const SUMMARY: &'static str = "Says which of many fixed cameras see the targets best together";
+    const SUMMARY: &'static str = "Chooses the fixed cameras that together see the targets best";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = CamerasSettings;
 
@@ -47,7 +47,7 @@ impl Node for CamerasNode {
         let cameras: Vec<_> = setup.cameras_named(&settings.cameras).map(model).collect();
         if cameras.len() < 2 {
             let (found, pattern) = (cameras.len(), &settings.cameras);
-            let text = format_args!("`{pattern}` names {found} cameras of the calibration, expected 2 or more");
+            let text = format_args!("`{pattern}` matches {found} cameras of the calibration, expected 2 or more");
             return Err(ConfigError::at("cameras", text));
         }
         Ok(Self { chooser: Chooser::new(settings, cameras) })

@@ -1,46 +1,46 @@
-//! Settings of the chooser of cameras, with the reasons for their defaults.
+//! Settings of the selection of cameras, with the reasons for their defaults.
 
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`CamerasNode`](super::CamerasNode). Costs are parts of what a target that is seen perfectly is worth.
+/// Settings of [`CamerasNode`](super::CamerasNode). Costs are relative to the value of a target that is seen perfectly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CamerasSettings {
-    /// The cameras that are chosen from, by name; `*` and `?` stand for what differs [–].
+    /// Candidate cameras by name; `*` and `?` match any letters [–].
     pub cameras: String,
-    /// Cameras for a target, at least, where so many can see it [–].
+    /// Fewest cameras for a target, where as many can see it [–].
     #[schemars(range(min = 2, max = 64))]
     pub least: u32,
-    /// Cameras for a target, at most; at least `least` [–].
+    /// Most cameras for a target; at least `least` [–].
     #[schemars(range(min = 2, max = 64))]
     pub most: u32,
-    /// Choices a second, at most [Hz].
+    /// Most choices per second [Hz].
     #[schemars(range(min = 0.1, max = 100.0))]
     pub rate_hz: f64,
-    /// Two cameras are worth most where their lines of sight cross at this angle or more, up to its supplement [deg].
+    /// Angle between lines of sight, up to its supplement, with the full value of a pair [deg].
     #[schemars(range(min = 1.0, max = 90.0))]
     pub best_angle_deg: f64,
-    /// What it costs to process a camera that no other target needs [–].
+    /// Cost of a camera that no other target uses [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub camera_cost: f64,
-    /// What it costs to choose a camera that was not chosen last: the least gain that a change is made for [–].
+    /// Cost of a camera that was not chosen last: the smallest gain for a change [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub change_cost: f64,
-    /// What a camera costs that sees the target with no pixel a metre, against the one that sees it with most; in proportion between [–].
+    /// Cost of seeing the target at zero resolution, relative to the camera with most pixels per metre; proportional between [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coarse_cost: f64,
-    /// What it costs to see a target right at the edge of the picture, which it may leave the next moment; in proportion within `rim_px` [–].
+    /// Cost of seeing a target at the edge of the picture, which it may leave soon; proportional within `rim_px` [–].
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rim_cost: f64,
-    /// How wide the rim is [px].
+    /// Width of the rim [px].
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub rim_px: f64,
-    /// What a camera costs that has not seen the target for `hidden_ms`: something may stand between [–].
+    /// Cost of a camera that has not seen the target for `hidden_ms`, which may be occluded [–].
     #[schemars(range(min = 0.0, max = 10.0))]
     pub hidden_cost: f64,
-    /// Longer than from one look of an unchosen camera to the next (`look_every` of `select.gate`) [ms].
+    /// Time without an observation that counts as occlusion; longer than the interval between pictures of an unchosen camera (`look_every` of `select.gate`) [ms].
     #[schemars(range(min = 1.0, max = 60000.0))]
     pub hidden_ms: f64,
 }
@@ -66,10 +66,10 @@ impl Default for CamerasSettings {
 }
 
 impl CamerasSettings {
-    /// Names the first setting that is out of its range.
+    /// Checks the range of each setting.
     ///
     /// # Errors
-    /// The setting, what was found, and the range.
+    /// The first setting out of its range, what was found, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         ConfigError::unless_in("least", self.least, 2..=64)?;
         ConfigError::unless_in("most", self.most, self.least..=64)?;

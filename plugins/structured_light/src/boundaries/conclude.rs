@@ -82,7 +82,7 @@ impl Boundaries {
             let fault = match n_unknown {
                 0 => "no boundary could be decoded",
                 _ => {
-                    "the code repeats, and no one repetition fits: connect `targets`, or set `distance_m` to where the surface can be"
+                    "the code repeats, and no single repetition fits: connect `targets`, or set `distance_m` to the possible distances of the surface"
                 }
             };
             if n_unknown > 0 {
@@ -95,7 +95,7 @@ impl Boundaries {
         if (n as f64) < LEAST_PART * self.most {
             self.empty += 1;
             let fault = format!(
-                "{n} boundaries are left, expected about {:.0} as before: what moves was lost, or is nearly out of the picture",
+                "{n} boundaries are left, expected about {:.0} as before: the surface was lost, or is nearly out of the picture",
                 self.most
             );
             self.note("lost", before.stamp.time, &fault);

@@ -1,6 +1,6 @@
-//! Takes a picture up into the tracks, and finds which of the four patterns it shows where that is not certain.
+//! Adds a picture to the tracks, and determines which of the four patterns it shows where that is not certain.
 //!
-//! What a projector was told or a recording's `first_shows` says has to be borne out by what boundaries come of it, at the start, after each gap, and where boundaries that are known contradict their neighbours.
+//! The pattern stated by the projector or by a recording's `first_shows` is verified by the boundaries it gives, at the start, after each gap, and where known boundaries contradict their neighbours.
 
 use foveate::imaging::stripes::boundary::{Agreement, Edges, FRAMES, Held, Line, Shows, Turns, lines};
 use foveate::prelude::*;
@@ -21,7 +21,7 @@ const MOST_UNCLEAR: u32 = 1;
 /// Each of the four patterns has to be seen again before so many pictures have passed: twice the code.
 const MOST_UNSEEN: u64 = 2 * FRAMES as u64;
 
-/// What the caller foretells: how far what is at (x, y) moves from the picture before, in columns and rows [px].
+/// The caller's prediction: how far the point at (x, y) moves from the picture before, in columns and rows [px].
 pub(super) type Foretold<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
 
 /// What came of a picture.
@@ -42,7 +42,7 @@ impl Boundaries {
         self.shown_last = [self.taken; FRAMES];
     }
 
-    /// Tracks the edges of a picture of which pattern `said` is said to be shown; `by` is how many pictures after the one before and what is foretold, `None` without one.
+    /// Tracks the edges of a picture of which pattern `said` is said to be shown; `by` is how many pictures after the one before and the prediction, `None` without one.
     pub(super) fn follow(
         &mut self,
         edges: &Edges,
@@ -98,7 +98,7 @@ impl Boundaries {
         self.held.take(one);
         if self.held.known >= LEAST_KNOWN && self.held.share() < LEAST_HELD {
             let fault = format!(
-                "found {:.0} % of the boundaries that are known confirmed by their neighbours, expected {:.0} % at least: pictures are other ones than is said, or move too fast; begins anew",
+                "{:.0} % of the known boundaries are confirmed by their neighbours, expected at least {:.0} %: the pictures show other patterns than stated, or the surface moves too fast; tracking restarts",
                 100.0 * self.held.share(),
                 100.0 * LEAST_HELD
             );
@@ -117,11 +117,11 @@ impl Boundaries {
         }
     }
 
-    /// A picture that is none of the four for the boundaries that are known: it is passed over, and where the next one is no better, all begins anew with that.
+    /// A picture that is none of the four for the boundaries that are known: it is skipped, and where the next one is no better, tracking restarts with that.
     fn lose_track(&mut self, edges: &Edges, told: usize, agreement: &Agreement, time: Time, off: f32) -> Followed {
         let most = agreement.fits.iter().max().copied().unwrap_or(0);
         let fault = format!(
-            "{most} of {} boundaries that are known fit the pattern that suits them best, expected most, and few any other: what the camera sees has jumped, moves too fast, or is in another light",
+            "{most} of {} known boundaries fit the best of the four patterns, expected most: the surface has jumped, moves too fast, or the light has changed",
             agreement.n
         );
         self.note("unclear", time, &fault);
@@ -132,7 +132,7 @@ impl Boundaries {
         Followed { lines: None, off }
     }
 
-    /// Notes that another pattern is shown than was told; after some in a row pictures are taken to be so many ahead.
+    /// Notes that another pattern is shown than requested; after some in a row pictures are taken to be so many ahead.
     fn note_other(&mut self, shows: Shows, told: usize, time: Time) {
         let Shows::Instead(instead) = shows else {
             self.others = 0;
@@ -140,10 +140,10 @@ impl Boundaries {
         };
         let fault = match &self.recorded {
             Some(_) => format!(
-                "the picture shows pattern {instead} of the code, expected pattern {told} after those before: a frame was dropped by the projector, or lacks in the recording"
+                "the picture shows pattern {instead} of the code, expected pattern {told} after those before: the projector dropped a frame, or one is missing in the recording"
             ),
             None => format!(
-                "the projector shows picture {instead} of the code, expected picture {told} as it was told: it dropped a frame, or `latency_ms` is wrong"
+                "the projector shows picture {instead} of the code, expected picture {told} as requested: it dropped a frame, or `latency_ms` is wrong"
             ),
         };
         self.note("dropped", time, &fault);
@@ -154,11 +154,11 @@ impl Boundaries {
         }
     }
 
-    /// Whether what is known of a picture may be given: most of it holds against its neighbours, and each of the four patterns had its say of late.
+    /// Whether what is known of a picture may be given: its neighbours confirm most of it, and each of the four patterns was seen recently.
     fn borne_out(&mut self, one: Held, time: Time) -> bool {
         if one.known >= LEAST_IN_ONE && one.share() < LEAST_HELD_IN_ONE {
             let fault = format!(
-                "found {:.0} % of the boundaries that are known in a picture confirmed by their neighbours, expected {:.0} % at least: the others are as doubtful",
+                "{:.0} % of the known boundaries in a picture are confirmed by their neighbours, expected at least {:.0} %: the others are unreliable too",
                 100.0 * one.share(),
                 100.0 * LEAST_HELD_IN_ONE
             );
@@ -169,7 +169,7 @@ impl Boundaries {
         let unseen = self.taken - last;
         if unseen >= MOST_UNSEEN {
             let fault = format!(
-                "pattern {stale} has not been seen for {unseen} pictures, expected each of the four in turn: boundaries are not borne out without it. Does the projector show all four, and the camera take each?"
+                "pattern {stale} has not been seen for {unseen} pictures, expected each of the four in turn: boundaries cannot be verified without it. Does the projector show all four, and does the camera take each?"
             );
             self.note("stale", time, &fault);
             return false;
@@ -193,12 +193,12 @@ impl Boundaries {
             (None, _) if is_first && self.recorded.is_some() => {}
             _ => {
                 let why = if self.recorded.is_some() {
-                    "do pictures lack in the recording?"
+                    "are pictures missing in the recording?"
                 } else {
                     "is `latency_ms` right?"
                 };
                 let fault = format!(
-                    "found pictures that show pattern {shown} of the code, expected pattern {told} as was said: {why} From here on they are taken for what they show"
+                    "found pictures that show pattern {shown} of the code, expected pattern {told} as stated: {why} From here on the patterns that they show are used"
                 );
                 self.note("turn", time, &fault);
             }
@@ -214,23 +214,23 @@ impl Boundaries {
         let name = &self.camera_name;
         if let Some((stated, found)) = self.wrong_first {
             report.remark(format!(
-                "{name}: the first picture of the recording shows pattern {found} of the code, and not pattern {stated} as `first_shows` says: no map is made. Set `first_shows = {found}`, or leave it out"
+                "{name}: the first picture of the recording shows pattern {found} of the code, expected pattern {stated} as `first_shows` states: no map is made. Set `first_shows = {found}`, or leave it out"
             ));
         } else if self.recorded.is_some() && self.frames == 0 && (1..FRAMES as u64).contains(&self.empty) {
             report.remark(format!(
-                "{name}: found {} pictures in the recording, expected {} at least: before that it is open which of the four patterns the first one shows",
+                "{name}: found {} pictures in the recording, expected at least {}: with fewer, the pattern of the first one cannot be determined",
                 // Each is judged when the next one is there.
                 self.empty + 1,
                 FRAMES + 1
             ));
         } else if self.recorded.is_some() && self.frames == 0 && self.empty > 0 && self.unknown_period == 0 {
             report.remark(format!(
-                "{name}: no picture of the recording gave a map: whichever of the four patterns the first one shows, too few boundaries follow one another. Do pictures show the four patterns in turn, in the order of `foveate patterns`, and do their stripes go as `stripes` says?"
+                "{name}: no picture of the recording gave a map: for each of the four patterns as the first, too few boundaries follow one another. Do the pictures show the four patterns in turn, in the order of `foveate patterns`, and are their stripes those of `stripes`?"
             ));
         }
         if self.lit_from.is_none() && self.unlit > 0 {
             report.remark(format!(
-                "{name}: found {} pictures and no pattern, expected a projector that says what it shows: does it run?",
+                "{name}: found {} pictures and no pattern, expected a projector that reports what it shows: is it running?",
                 self.unlit
             ));
         }

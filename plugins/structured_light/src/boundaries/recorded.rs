@@ -1,4 +1,4 @@
-//! Which pattern each picture of a recording shows, where no projector says it.
+//! Which pattern each picture of a recording shows, where no projector reports it.
 
 use std::fmt::Display;
 use std::fs;
@@ -31,7 +31,7 @@ impl Recorded {
             None => {
                 // Whatever it is taken to be, the codes fit: a wrong width makes a surface at another distance.
                 let stripe_px = settings.stripe_px.ok_or_else(|| {
-                    let message = "found none, nothing connected to `shown`, and no `patterns`, expected the width of the recording's stripes in pixels of the projector, which its pictures do not tell, or the `patterns.toml` that says it";
+                    let message = "found none, nothing connected to `shown`, and no `patterns`, expected the width of the recording's stripes in pixels of the projector, or the `patterns.toml` that states it";
                     ConfigError::at("stripe_px", message)
                 })?;
                 PatternSettings {
@@ -51,7 +51,7 @@ impl Recorded {
         Ok(Recorded { manifest, first: u64::from(settings.first_shows.unwrap_or(0)) })
     }
 
-    /// What a picture is said to show. Numbers that lack are of pictures that lack.
+    /// What a picture should show. Missing numbers are missing pictures.
     pub(super) fn shown(&self, stamp: &Stamp) -> Arc<PatternShown> {
         Arc::new(PatternShown {
             index: ((self.first + stamp.sequence) % FRAMES as u64) as u32,

@@ -1,4 +1,4 @@
-//! What `structured_light.boundaries` is told.
+//! Settings of `structured_light.boundaries`.
 
 use foveate::imaging::stripes::boundary::FRAMES;
 use foveate::prelude::*;
@@ -11,23 +11,23 @@ use serde::{Deserialize, Serialize};
 pub struct BoundariesSettings {
     /// The projector's name in the calibration [–]
     pub projector: String,
-    /// Of a recording, which is read where nothing is connected to `shown`: the `patterns.toml` that `foveate patterns` wrote, or the folder that it lies in. Its pictures show these four patterns one after the other [–]
+    /// For a recording, that is where nothing is connected to `shown`: the `patterns.toml` that `foveate patterns` wrote, or its folder. The pictures show these four patterns in turn [–]
     pub patterns: Option<String>,
-    /// Width of a stripe of a recording, which `patterns` or this has to say [px]
+    /// For a recording without `patterns`: width of a stripe [px]
     #[schemars(range(min = 2, max = 1024))]
     pub stripe_px: Option<u32>,
-    /// What the stripes of a recording tell: `columns` or `rows` of the projector; as `patterns` says, or columns, unless set [–]
+    /// For a recording: whether the stripes encode `columns` or `rows` of the projector; as in `patterns`, or columns, unless set [–]
     pub stripes: Option<String>,
-    /// Which of the four patterns the first picture of a recording shows: found from the pictures unless set, and held against them if it is [–]
+    /// Which of the four patterns the first picture of a recording shows: found from the pictures unless set, and verified with them if set [–]
     #[schemars(range(min = 0, max = 3))]
     pub first_shows: Option<u32>,
-    /// From telling the projector to show a picture to its light [ms]
+    /// Latency of the projector, from the command to show a picture to its light [ms]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub latency_ms: f64,
     /// The camera's exposure: all of it must lie in the time in which one picture is shown [ms]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub exposure_ms: f64,
-    /// Distance of the surface from the camera, nearest and farthest, where no target says it [m]
+    /// Nearest and farthest distance of the surface from the camera, where no target gives it [m]
     pub distance_m: [f64; 2],
     /// The surface is no farther than this from the origin of the scale's space, with `spaces` connected, or from the target at `targets` that is nearest to the middle of the picture [m]
     #[schemars(range(min = 0.001, max = 100.0))]
@@ -38,16 +38,16 @@ pub struct BoundariesSettings {
     /// Least (bright − dark) / (bright + dark) of an edge of light: edges of the surface's own colour mostly have less [–]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_contrast: f32,
-    /// What the camera shows of no light [gray level]
+    /// Level of the camera without light [gray level]
     #[schemars(range(min = 0.0, max = 255.0))]
     pub black: f32,
-    /// Of the camera's gray levels, standard deviation [gray level]
+    /// Noise of the camera, standard deviation [gray level]
     #[schemars(range(min = 0.05, max = 50.0))]
     pub noise: f32,
     /// Pixels along the row, to either side of a boundary, that get the column of the projector; on stripes up to twice as wide as those that face the camera as many more, and where no next boundary is known a quarter of a stripe at most [px]
     #[schemars(range(min = 0.5, max = 8.0))]
     pub beside_px: f32,
-    /// Pictures of a head whose angles are known worse than this are tracked and give no map: standard deviation of the larger one in the picture [px]
+    /// Pictures of a head whose angles are less certain than this are tracked but give no map: standard deviation of the larger one in the picture [px]
     #[schemars(range(min = 0.01, max = 1000.0))]
     pub max_pose_px: f64,
     /// Threads over which the rows are spread; the result is the same for any number [–]

@@ -1,4 +1,4 @@
-//! Recordings that go wrong in the middle: what comes of them is right, or nothing comes of them.
+//! Recordings that go wrong in the middle: their maps are right, or there are none.
 
 use foveate::scene::{Calibration, LengthUnit, NamedCamera};
 
@@ -103,7 +103,7 @@ fn a_recording_that_is_played_back_in_the_middle_gives_no_wrong_cloud() {
 
 #[test]
 fn a_cut_to_elsewhere_is_told_and_what_comes_after_it_is_right() {
-    let found = check(fast, |it| (it + 2, it as f64 + 24.0), "fit the pattern that suits them best");
+    let found = check(fast, |it| (it + 2, it as f64 + 24.0), "fit the best of the four patterns");
     assert!(found.iter().any(|it| it.picture == PICTURES - 2), "{found:?}");
 }
 

@@ -1,4 +1,4 @@
-//! A set whose camera crept so far that its pictures look like those of a scene that changed.
+//! A set whose camera drifted so far that its pictures look like those of a scene that changed.
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::StripeCode;

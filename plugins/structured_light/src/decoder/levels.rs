@@ -1,4 +1,4 @@
-//! Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there.
+//! Coordinates of all pixels: by all bits, or where these are undetermined, by the bits that the camera resolves there.
 
 use foveate::imaging::ImageView;
 use foveate::imaging::stripes::code::{Axis, StripeCode};
@@ -13,7 +13,7 @@ use super::Decoder;
 const COARSER: u32 = 2;
 
 impl Decoder {
-    /// Coordinates of all pixels: by all bits, and where these do not tell, by those that the camera resolves around there; with the part of what is lit that coarser bits alone told, of columns and rows.
+    /// Coordinates of all pixels: by all bits, or where these are undetermined, by the bits that the camera resolves there; with the part of the lit pixels that only coarser bits determined, of columns and rows.
     pub(super) fn coordinates(
         &mut self,
         code: &StripeCode,

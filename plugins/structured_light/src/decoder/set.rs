@@ -1,4 +1,4 @@
-//! What one set of pictures says: it is examined, evened out where that can be, decoded, and what is wrong with it is said with the names of its pictures.
+//! One set of pictures: it is examined, equalised where possible, decoded, and its faults are reported with the names of its pictures.
 
 use std::borrow::Cow;
 
@@ -31,7 +31,7 @@ const CHANGED_SHARE: f64 = 0.005;
 const NAMED: usize = 6;
 /// Where nothing else is said of a set, fewer known pixels over lit ones than this are worth a remark [–].
 const SCARCE: f64 = 0.25;
-/// Phase steps that are on no wave are told at more than this part of the pixels [–].
+/// Phase steps that fit no wave are reported from this part of the pixels on [–].
 const OFF_WAVE: f64 = 0.2;
 /// Where noise decides, fewer known pixels over lit ones than this are worth a remark [–].
 const NOISY: f64 = 0.6;
@@ -121,7 +121,7 @@ impl Decoder {
         faults.extend(found.faults.iter().map(|it| it.describe(&code, &name)));
         if let Some(exponent) = exponent {
             faults.push(format!(
-                "gray levels are not proportional to light: the camera's response is curved, and was straightened by the exponent {exponent:.2}"
+                "gray levels are not proportional to light: the camera's response was linearised with the exponent {exponent:.2}"
             ));
         }
         let axes = found.usable(&code);
@@ -129,12 +129,12 @@ impl Decoder {
             let lacking: Vec<String> = found.lacking(&code, axis).iter().map(Shown::to_string).collect();
             match lacking.len() {
                 0 => String::new(),
-                1..=NAMED => format!(" for want of {}", lacking.join(" and of ")),
-                n => format!(" for want of {n} pictures"),
+                1..=NAMED => format!(" for lack of {}", lacking.join(" and of ")),
+                n => format!(" for lack of {n} pictures"),
             }
         };
         if axes.is_empty() {
-            // Of pictures that could not be told at all nothing lacks in particular.
+            // No particular picture is missing from a set that could not be identified at all.
             let moved = has_moved(&found);
             let left_out =
                 Axis::BOTH.into_iter().filter(|it| moved && code.has(*it)).map(|axis| (axis, for_want(axis)));
@@ -146,8 +146,8 @@ impl Decoder {
             let other = Axis::BOTH[1 - axis.index()].in_words();
             let help = for_want(axis);
             faults.push(format!(
-                "the {} are left out{help}, and points come from the {other} alone: where these do not tell depths well, between camera and projector, errors of the calibration are not in their sigma, and \
-                 nothing shows them",
+                "the {} are left out{help}, and points come from the {other} alone: where these determine depth poorly, errors of the calibration between camera and projector are not in their sigma, and \
+                 cannot be detected",
                 axis.in_words()
             ));
         }
@@ -165,7 +165,7 @@ impl Decoder {
         {
             let list: Vec<String> = list.iter().map(ToString::to_string).collect();
             if !list.is_empty() {
-                faults.push(format!("worked out from {others}: {}", list.join(" and ")));
+                faults.push(format!("reconstructed from {others}: {}", list.join(" and ")));
             }
         }
         self.worked_out = worked_out;
@@ -260,8 +260,8 @@ impl Decoder {
                     names.push(format!("{} more", places.len() - NAMED));
                 }
                 faults.push(format!(
-                    "bits and their inverses are not as bright together as white and black in {:.0} % of what the projector lights, which is left out: something moved during the set, or a lamp or the \
-                     camera's exposure changed, most in {}; what moves without such a trace is decoded wrong",
+                    "bits and their inverses do not add up to white and black in {:.0} % of the lit pixels, which are left out: something moved during the set, or a lamp or the \
+                     camera's exposure changed, most in {}; motion that leaves no such trace is decoded wrongly",
                     100.0 * changed.share(),
                     names.join(", ")
                 ));
@@ -283,22 +283,22 @@ impl Decoder {
         let lit = self.decoded.contrast.iter().filter(|it| **it >= least).count() as u64;
         if self.off_wave > OFF_WAVE {
             faults.push(format!(
-                "at {:.0} % of the pixels the phase steps are on no wave, and these are left out: something moved during them, light comes over other surfaces too, or the steps stand in another order",
+                "at {:.0} % of the pixels the phase steps fit no wave, and these are left out: something moved during them, light arrives over other surfaces, or the steps are in another order",
                 100.0 * self.off_wave
             ));
         } else if u32::from(by_noise) > u32::from(self.settings.min_difference)
             && (map.n_known as f64) < NOISY * lit as f64
         {
             faults.push(format!(
-                "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain. More light, less gain, or means of several \
-                 pictures of each pattern would help",
+                "noise of {:.1} gray levels leaves {:.0} % of the pixels with {least} or more between white and black: only differences above {by_noise} are certain. Use more light, less gain, or means of several \
+                 pictures of each pattern",
                 found.noise,
                 100.0 * map.n_known as f64 / lit.max(1) as f64
             ));
         }
         if faults.len() == n_told && !is_changed && (map.n_known as f64) < SCARCE * lit as f64 {
             faults.push(format!(
-                "{:.1} % of the pixels that the projector lights by {least} gray levels or more could be decoded, expected most: stripes are weak against other light or out of focus, or the code is another",
+                "{:.1} % of the pixels lit by {least} gray levels or more could be decoded, expected most: the stripes are weak against ambient light or out of focus, or the code is another one",
                 100.0 * map.n_known as f64 / lit as f64
             ));
         }

@@ -1,4 +1,4 @@
-//! What is shown and told: the projector without its page's wire, in session time.
+//! What is shown and reported: the projector without its page's connection, in session time.
 
 use std::collections::BTreeMap;
 
@@ -118,7 +118,7 @@ impl Stage {
             }
             PageNews::Text(text) => match FromPage::read(&text) {
                 Ok(message) => self.take(now, session_from_host, client, message, steps),
-                Err(fault) => self.remark(format!("the page said what it never should: {fault}")),
+                Err(fault) => self.remark(format!("the page sent an invalid message: {fault}")),
             },
         }
     }
@@ -133,7 +133,7 @@ impl Stage {
                 match self.active {
                     // It was ready before: it has begun anew by itself.
                     Some(active) if active == client => {
-                        self.give_up(now, "the page began anew", steps);
+                        self.give_up(now, "the page was reloaded", steps);
                         self.begin(steps);
                     }
                     Some(_) => {
@@ -230,7 +230,7 @@ impl Stage {
         let (set, name, lasts) = (self.set, self.names[index].clone(), until - from);
         if lasts <= Interval(0) {
             let why = format!(
-                "set {set}: `{name}` was certainly there for no time at all: the page drops frames, or `rate_hz` is too high"
+                "set {set}: `{name}` was at no time certainly shown: the page drops frames, or `rate_hz` is too high"
             );
             steps.push(Step::Gap(from, why));
             return;
@@ -335,12 +335,12 @@ impl Stage {
         report.figure(format!("projector.clock_ms.max.{name}"), self.worst_clock_ms);
         self.remarks.iter().for_each(|it| report.remark(format!("{name}: {it}")));
         let Some(address) = address else {
-            report.remark(format!("{name}: no pattern was shown: this run serves no pages, `foveate run` does"));
+            report.remark(format!("{name}: no pattern was shown: this run serves no pages; use `foveate run`"));
             return;
         };
         if self.n_pictures == 0 {
             let why = match &self.last_unfit {
-                Some(why) => format!("the page said: {why}"),
+                Some(why) => format!("the page reported: {why}"),
                 None if self.windows.is_empty() => "no browser had the page open at the end".to_owned(),
                 None => "the page was never ready".to_owned(),
             };
@@ -348,7 +348,7 @@ impl Stage {
         }
         let waits = self.settings.advance == Advance::Image && !self.is_asked;
         if let Some(current) = self.current.filter(|_| waits) {
-            let seen = self.last_seen.map_or("none ever came".to_owned(), |it| format!("the last one was of {it}"));
+            let seen = self.last_seen.map_or("none arrived".to_owned(), |it| format!("the last one was from {it}"));
             let (picture, from) = (&self.names[current.index], current.from);
             report.remark(format!("{name}: `{picture}`, shown at {from}, waited for a picture at `image`: {seen}"));
         }

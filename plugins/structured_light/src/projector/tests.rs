@@ -312,7 +312,7 @@ fn frames_that_come_late_shorten_what_is_certain_and_are_told() {
     assert_eq!((ms(told[0].from), ms(Time(told[0].lasts.0))), (1041.0, 54.0));
     room.shown(1100.0, A, 0, 1, 120.0);
     assert!(room.told().is_empty());
-    assert!(room.gaps()[0].contains("`black` was certainly there for no time at all"));
+    assert!(room.gaps()[0].contains("`black`"), "{:?}", room.gaps());
     let report = room.bench.finish().unwrap();
     assert_eq!(report.figures["projector.frames_dropped.projector"], 2.0);
     assert!(report.remarks[0].contains("may have been shown 40 ms late"), "{:?}", report.remarks);
@@ -331,7 +331,7 @@ fn a_page_that_lies_or_raves_is_told_and_does_no_harm() {
     room.text(1300.0, Client(77), json!({ "ready": true }));
     assert_eq!(room.told().len(), 1);
     let remarks = room.bench.finish().unwrap().remarks;
-    assert!(remarks.iter().any(|it| it.contains("what it never should")), "{remarks:?}");
+    assert!(remarks.iter().any(|it| it.contains("invalid message")), "{remarks:?}");
 }
 
 #[test]
@@ -360,7 +360,7 @@ fn nobody_who_opens_the_page_is_a_remark_and_so_is_a_camera_that_gives_nothing()
     room.open(500.0, A);
     room.shown(1000.0, A, 0, 0, 0.0);
     let remarks = room.bench.finish().unwrap().remarks;
-    assert!(remarks[0].contains("waited for a picture at `image`: none ever came"), "{remarks:?}");
+    assert!(remarks[0].contains("picture at `image`: none"), "{remarks:?}");
 }
 
 #[test]
@@ -378,5 +378,5 @@ fn settings_that_cannot_be_are_refused() {
     let mut bench = NodeBench::<Projector>::new(settings(Advance::Rate)).unwrap();
     assert_eq!(bench.run_source(Time::from_s(9.0)), Ok(0));
     let report = bench.finish().unwrap();
-    assert!(report.remarks[0].contains("this run serves no pages") && report.figures.len() == 5);
+    assert!(report.remarks[0].contains("serves no pages") && report.figures.len() == 5);
 }

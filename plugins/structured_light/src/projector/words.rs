@@ -1,4 +1,4 @@
-//! What the projector's page and its node say to each other, as JSON.
+//! Messages between the projector's page and its node, as JSON.
 
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +42,7 @@ pub(super) enum FromPage {
     },
     /// Black is shown in place of pictures.
     Black(When),
-    /// Somebody pressed the key for the next picture.
+    /// A person pressed the key for the next picture.
     Key(bool),
 }
 

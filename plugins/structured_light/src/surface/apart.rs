@@ -1,4 +1,4 @@
-//! How far clouds that are not registered lie from each other, along their normals, against what they state.
+//! Distances between clouds that are not registered, along their normals, compared with their stated uncertainty.
 //!
 //! Each point of a cloud looks for the surface that the clouds before it made, along its normal to either side, for surfaces that look the same way. Where poses of clouds are off by more than a
 //! voxel or two, these are layers beside each other, of which each is thin and sure of itself: only the distance between them says that they contradict each other.
@@ -14,7 +14,7 @@ use nalgebra::Point3;
 
 /// Points of a cloud that are asked, evenly picked.
 const ASKED: usize = 3000;
-/// The surface is looked for in so many cells to either side [–].
+/// The surface is searched in so many cells to either side [–].
 const CELLS: i32 = 8;
 /// Voxels to a cell [–].
 const CELL: f64 = 2.0;
@@ -30,7 +30,7 @@ const CONTRADICTS_VOXELS: f64 = 0.1;
 /// Voxels to a place in which pairs are counted together [–].
 const PLACE: f64 = 8.0;
 
-/// A cloud beside those before it.
+/// A cloud compared with those before it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Beside {
     /// Median distance along the normals [m].
@@ -73,7 +73,7 @@ impl Apart {
         }
     }
 
-    /// Holds a cloud against those before it, and takes it in. `variance`: of where it lies as a whole, beside what its points state [m²]. `None`: it shares too little with them, or is the first.
+    /// Compares a cloud with those before it, and adds it. `variance`: of where it lies as a whole, beside what its points state [m²]. `None`: it shares too little with them, or is the first.
     pub fn add(&mut self, points: &[SurfacePoint], variance: f64) -> Option<Beside> {
         let beside = self.beside(points, variance);
         if let Some(beside) = &beside {

@@ -1,4 +1,4 @@
-//! `structured_light.surface`: clouds of one thing that may move, registered to the surface that they make and fused into it.
+//! `structured_light.surface`: registers clouds of one object that may move to their common surface, and fuses them into it.
 
 mod apart;
 mod model;

@@ -1,4 +1,4 @@
-//! The surface that grows: a distance field for what it is, patches for what clouds are registered to.
+//! The growing surface: a distance field for its shape, patches for registration.
 //!
 //! A cloud is registered to all that came before, not to the last one: errors of poses do not add up along a chain. What does not fit is refused and changes nothing.
 
@@ -39,7 +39,7 @@ pub struct Piece {
     pub time_s: f64,
 }
 
-/// What became of a cloud.
+/// The outcome for a cloud.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joined {
     /// Takes the cloud to the surface.
@@ -63,12 +63,12 @@ pub struct Joined {
 /// Why a cloud is not in the surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// It does not lie on what came before.
+    /// It does not fit the surface so far.
     #[error("{0}")]
     Unregistered(RegistrationError),
-    /// It may lie in more than one place.
+    /// Its shape does not determine its pose.
     #[error(
-        "its shape leaves {n_open} direction{} open, as planes, spheres and rods do, and without {} the pose is known to {:.2} mm, expected {:.2} mm",
+        "its shape leaves {n_open} direction{} undetermined, as planes, spheres and rods do, and without {} the pose is known to {:.2} mm, expected {:.2} mm",
         if *n_open == 1 { "" } else { "s" }, if *n_open == 1 { "it" } else { "them" }, 1e3 * sigma_m, 1e3 * expected_m
     )]
     NotHeld {
@@ -103,7 +103,7 @@ struct Grown {
     voxel_m: f64,
     field: DistanceField,
     patches: Patches,
-    /// Of the last cloud that fitted: where the next one is looked for.
+    /// Of the last cloud that fitted: where the next one is expected.
     surface_from_cloud: Isometry3<f64>,
     /// Its time [s].
     time_s: f64,

@@ -29,40 +29,40 @@ ports! {
 }
 
 figures! {
-    "surface.clouds": count, high, "Clouds that are in the surface; of surfaces of a moment each, in any of them";
-    "surface.clouds_refused": count, low, "Clouds that are not, since they did not fit, their geometry did not hold them, the target's place was not known, or the surface was begun anew without them";
+    "surface.clouds": count, high, "Clouds in the surface, or in any of the surfaces where there is one a moment";
+    "surface.clouds_refused": count, low, "Clouds left out: they did not fit, their shape did not determine their pose, the target's place was not known, or the surface was restarted without them";
     "surface.points": count, neither, "Points in the surface";
-    "surface.points_left_out": count, low, "Points of clouds in the surface that are not in it themselves: without a normal, or beyond `max_memory_mb`";
-    "surface.restarts": count, low, "Times that the surface was begun anew, without the cloud that it had, since that fitted none of those after it";
-    "surface.voxel_mm": mm, neither, "From voxel to voxel";
-    "surface.vertices": count, neither, "Corners of triangles of the last surface that was sent";
-    "surface.triangles": count, neither, "Triangles of it";
-    "surface.sigma_mm": mm, low, "Mean standard deviation of its vertices along their normals: noise, and by how much points and clouds contradict each other; not what all of them share";
-    "surface.correction_mm": mm, neither, "How far registration moved the middle of a cloud from where the last one and the target's place had it, median over clouds";
-    "surface.pose_sigma_mm": mm, low, "Root mean square error of a cloud's points by that of its pose beside the first cloud, as stated, median over clouds";
-    "surface.place_sigma_mm": mm, low, "Root mean square error of the last surface's vertices by what all of them share, as stated: the pose of its last cloud, and what all points of that share, as the error of its camera's pose";
-    "surface.misfit": ratio, low, "Residuals of registered points over what their sigmas say, median over clouds: above 1, the clouds disagree by more than noise";
-    "surface.apart_mm": mm, low, "How far the points of a cloud that is not registered lie from the clouds before it, along their normals, median over points and over clouds: their noise, and by how much poses contradict each other";
-    "surface.apart_sigmas": sigmas, low, "That over what points and poses state of it, median over clouds: above 1, they contradict each other by more than that";
-    "surface.memory_bytes": bytes, low, "What voxels and patches take";
+    "surface.points_left_out": count, low, "Points of fused clouds that were left out: without a normal, or beyond `max_memory_mb`";
+    "surface.restarts": count, low, "Times that the surface was restarted without its first cloud, since that fitted none of those after it";
+    "surface.voxel_mm": mm, neither, "Size of a voxel";
+    "surface.vertices": count, neither, "Vertices of the last surface that was sent";
+    "surface.triangles": count, neither, "Triangles of the last surface that was sent";
+    "surface.sigma_mm": mm, low, "Mean standard deviation of the vertices along their normals: noise, and disagreement between points and clouds; without errors common to all of them";
+    "surface.correction_mm": mm, neither, "Correction by registration of the middle of a cloud, relative to the prediction from the last one and the target's place, median over clouds";
+    "surface.pose_sigma_mm": mm, low, "Stated root mean square error of a cloud's points due to its pose relative to the first cloud, median over clouds";
+    "surface.place_sigma_mm": mm, low, "Stated root mean square error common to all vertices of the last surface: the pose of its last cloud, and the error common to all its points, such as that of its camera's pose";
+    "surface.misfit": ratio, low, "Residuals of registered points over their sigmas, median over clouds: above 1, the clouds disagree by more than noise";
+    "surface.apart_mm": mm, low, "Distance of the points of an unregistered cloud from the clouds before it, along their normals, median over points and over clouds: noise, and disagreement of poses";
+    "surface.apart_sigmas": sigmas, low, "surface.apart_mm over its stated standard deviation, median over clouds: above 1, clouds disagree by more than they state";
+    "surface.memory_bytes": bytes, low, "Memory of voxels and patches";
 }
 
 /// Settings of [`JoinedSurface`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceSettings {
-    /// From voxel to voxel; 0: twice the distance between neighbouring points of the first cloud [mm]
+    /// Size of a voxel; 0: twice the distance between neighbouring points of the first cloud [mm]
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub voxel_mm: f64,
     /// How far to either side of the surface distances are kept; thinner things need less, noise of more than a voxel needs more [voxels]
     #[schemars(range(min = 1.5, max = 20.0))]
     pub truncation: f64,
-    /// Whether the surface is that of the clouds of one moment alone, begun anew with the next and sent each time: for what changes its shape and is seen whole at a time [–]
+    /// Whether each moment gives a surface of its own, sent each time: for objects that change their shape and are seen whole at once [–]
     pub each_moment: bool,
-    /// Clouds that are registered are gathered until they have so many points together, and registered as one [–]
+    /// Clouds to register are gathered until they have this many points together, and registered as one [–]
     #[schemars(range(min = 1, max = 10000000))]
     pub gather_points: usize,
-    /// And for no longer than so, in which the target's own track is smoother than what registration would find [ms]
+    /// Longest time for gathering clouds, in which the target's own track is smoother than registration would be [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub gather_ms: f64,
     /// Whether clouds are registered to the surface; `false`: they lie where their cameras and the target's place have them, as those of calibrated cameras all around a thing do, and a remark says where they contradict each other [–]
@@ -122,7 +122,7 @@ impl Default for SurfaceSettings {
     }
 }
 
-/// A surface whose first cloud fits none of so many after it is begun anew.
+/// A surface whose first cloud fits none of this many after it is restarted.
 const DOUBTS: u32 = 4;
 
 /// A cloud is nearly refused where its residuals are more than so much of `max_misfit` [–].
@@ -134,7 +134,7 @@ const GROWN: f64 = 1.1;
 const POSES_MS: f64 = 8.0;
 
 /// Clouds of one thing in, its surface out. With `spaces` connected to the anchor of the node's scale, that target's motion is where registration starts; otherwise
-/// the scale's space stands still, and each cloud is looked for where the last one lay.
+/// the scale's space stands still, and each cloud is expected where the last one was.
 pub struct JoinedSurface {
     settings: SurfaceSettings,
     calibration: Arc<Calibration>,
@@ -149,7 +149,7 @@ pub struct JoinedSurface {
     n_in_a_row: u32,
     /// Clouds that are in the surface.
     inside: Option<Span>,
-    /// Those that it was begun anew without, a time each.
+    /// Clouds that it was restarted without, by restart.
     given_up: Vec<Span>,
     n_points: u64,
     n_left_out: u64,
@@ -183,8 +183,7 @@ struct Placed {
 impl Node for JoinedSurface {
     const TYPE: &'static str = "structured_light.surface";
     const ROLE: Role = Role::Integrator;
-    const SUMMARY: &'static str =
-        "Registers point clouds of a thing that may move to each other, and fuses them into one surface of triangles";
+    const SUMMARY: &'static str = "Registers point clouds of an object that may move, and fuses them into one mesh";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = SurfaceSettings;
 
@@ -210,7 +209,7 @@ impl Node for JoinedSurface {
         let spaces = Spaces::new(&setup.scales);
         if spaces.is_moving() && !setup.is_connected(&SPACES) {
             return Err(ConfigError::node(
-                "the space of this scale moves, and where it is decides where clouds are looked for; found nothing at `spaces`, expected `anchor.space` of this scale and of those around it",
+                "the space of this scale moves, so registration needs its place; found nothing at `spaces`, expected `anchor.space` of this scale and of those around it",
             ));
         }
         let registration = RegistrationOptions {
@@ -294,7 +293,7 @@ impl Node for JoinedSurface {
         let waiting = self.waiting.len();
         if waiting > 0 {
             let n = self.settings.gather_points;
-            report.remark(format!("{waiting} clouds of the end are not in the surface: with fewer than `gather_points = {n}` points together they waited for more; a smaller number takes them in"));
+            report.remark(format!("the last {waiting} clouds are not in the surface: they have fewer than `gather_points = {n}` points together; a smaller number includes them"));
         }
         if let Some(remark) = self.begun_anew() {
             report.remark(remark);
@@ -380,7 +379,7 @@ impl JoinedSurface {
     /// Where the scale's space and the camera were.
     fn placed(&self, cloud: &PointCloud) -> Result<Placed, String> {
         let pose = self.spaces.world_from_own(cloud.time);
-        let pose = pose.map_err(|why| format!("{}: where the target was is not known: {why}", cloud.name))?;
+        let pose = pose.map_err(|why| format!("{}: the target's place is not known: {why}", cloud.name))?;
         let camera = self.calibration.cameras.get(usize::from(cloud.camera.0));
         let camera_from_world = match (cloud.viewpoint, camera) {
             (Some(viewpoint), _) => viewpoint.camera_from_space,

@@ -1,4 +1,4 @@
-//! What the neighbours of a point say of it: its normal, and whether it is on a surface.
+//! Normals from neighbouring points, and whether a point is on a surface.
 
 use nalgebra::{Matrix3, Vector3};
 

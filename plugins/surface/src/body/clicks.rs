@@ -1,4 +1,4 @@
-//! Whether clicked joints are those that they are called: the same places under other names are tried.
+//! Checks the names of clicked joints: the same places are tried under other names.
 
 use foveate::geometry::metaball::{Body, BodyObservation, State};
 use foveate::prelude::*;
@@ -10,15 +10,15 @@ use super::message::joint_place;
 const LENGTH_SPREAD: f64 = 0.06;
 /// Other names are tried where the distances of clicked joints fit them this much worse at most: squared standard deviations, 3² [–].
 const TRIED: f64 = 9.0;
-/// So many other names are tried at most, those whose distances fit best.
+/// Most other names that are tried, those with the best-fitting distances.
 const MOST_TRIED: usize = 4;
-/// Clicked ends of a limb that are farther from being as far apart as it is long are in another unit, or of something else [σ].
+/// Clicked ends of a limb with a larger error of their distance are in another unit, or of something else [σ].
 const MOST_APART: f64 = 8.0;
 
 /// Clicked joints by their places in [`BODY_JOINTS`], under other names.
 #[derive(Debug, Clone)]
 pub(super) struct Reading {
-    /// What is exchanged, in words.
+    /// The exchanged names, for messages.
     pub what: &'static str,
     pub clicks: Vec<(usize, Point3<f64>)>,
 }
@@ -57,7 +57,7 @@ pub(super) fn other_readings(
     all.into_iter().map(|it| it.1).collect()
 }
 
-/// What is said of clicked joints that are much farther apart, or nearer, than limbs are long.
+/// Message about clicked joints whose distances differ much from the lengths of limbs.
 pub(super) fn too_far_apart(
     body: &Body,
     template: &State,

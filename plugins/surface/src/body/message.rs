@@ -1,4 +1,4 @@
-//! From a fitted body to joints and parts, with what they are known to.
+//! Converts a fitted body to joints and parts with uncertainty.
 
 use foveate::geometry::metaball::{Body, BodyFit, Posed, Skeleton as Bones, State};
 use foveate::prelude::*;
@@ -71,7 +71,7 @@ pub(super) fn place(body: &Body, posed: &Posed, state: &State, (segment, place):
     posed.world_from_segment[segment] * Point3::from(place * state.scales[body.skeleton.segments()[segment].scale])
 }
 
-/// A body as joints and parts. Joints of unsupported segments are `filled`: priors and joints before them say where they are.
+/// A body as joints and parts. Joints of unsupported segments are `filled` from priors and from the joints before them.
 pub(super) fn skeleton_of(
     body: &Body,
     fit: &BodyFit,
@@ -148,7 +148,7 @@ pub(super) fn skeleton_of(
     (Skeleton { id: 0, joints, parts, limbs, facing: 1.0, unexplained, cameras }, now)
 }
 
-/// What a joint is off by because the body is no person, the same in all messages: metaballs slide along a limb until their ends fit.
+/// Error of a joint due to the body model, constant over messages: metaballs slide along a limb until their ends fit.
 fn of_model(body: &Body, posed: &Posed, segment: usize) -> Matrix3<f64> {
     let segments = body.skeleton.segments();
     let along = |it: usize| {
@@ -159,7 +159,7 @@ fn of_model(body: &Body, posed: &Posed, segment: usize) -> Matrix3<f64> {
     Matrix3::identity() * ACROSS_M.powi(2) + (along(segment) + parent) * 0.5
 }
 
-/// Standard deviations of that along bones and across them [m]: shoulders and wrists of arms of ellipsoids that are nobody's were 31 to 45 mm off and their elbows 8 mm and more, hips and knees of simulated people
+/// Standard deviations of that along bones and across them [m]: shoulders and wrists of synthetic arms of ellipsoids were 31 to 45 mm off and their elbows 8 mm and more, hips and knees of simulated people
 /// 20 to 90 mm.
 const ALONG_M: f64 = 0.03;
 const ACROSS_M: f64 = 0.005;

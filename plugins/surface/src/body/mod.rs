@@ -1,10 +1,10 @@
-//! `surface.body`: a layered body of metaballs on a skeleton that follows tracked points [D'Apuzzo 1999 §3–4].
+//! `surface.body`: a layered body of metaballs on a skeleton that tracks points [D'Apuzzo 1999 §3–4].
 //!
-//! The first message starts it: joints that were clicked (`clicked`), or that another node found (`joints`), say roughly how the body stands; without any, each way that an arm may lie in the
-//! points is tried. For `shape_frames` messages lengths and radii are sought, too; from then on they stay. Each message starts from the posture before, which is known as well as joints can have
-//! turned since. Points that were on a limb before hold on to their places there as firmly as skin and cloth do (`slide_mm`): that tells how limbs turn about themselves.
+//! The first message starts it: joints that were clicked (`clicked`), or that another node found (`joints`), give an approximate posture; without any, each possible orientation of an arm in the
+//! points is tried. For `shape_frames` messages lengths and radii are estimated, too; then they are fixed. Each message starts from the posture before, whose uncertainty grows as joints can have
+//! rotated since. Points keep their places on a limb except for the sliding of skin and cloth (`slide_mm`), which determines the rotation of limbs about their own axes.
 //!
-//! A fit that is not to be believed is given out as no body, with the reason in `unmodelled`, and counted; the next message starts anew.
+//! A rejected fit is sent as no body, with the reason in `unmodelled`, and counted; the search restarts at the next message.
 
 mod clicks;
 mod message;
@@ -38,18 +38,18 @@ ports! {
 }
 
 figures! {
-    "body.frames": count, neither, "Messages that a body was fitted to and believed";
+        "body.frames": count, neither, "Messages with an accepted fit of the body";
     "body.refused": count, low, "Messages whose points do not support a body";
-    "body.refused.*": count, low, "The same by the first reason: points on too few limbs, lying elsewhere than the body, a size that no limb has, too few to begin with, or no start";
+        "body.refused.*": count, low, "Messages without a body by the first reason: points on too few limbs, off the body, an impossible size, too few points, or no start";
     "body.rms_mm.median": mm, low, "Root mean square distance of a message's points from the body's surface, outliers left out, median over messages";
-    "body.outliers": share, low, "Points farther than outlier_sigmas from the surface, over all of believed messages";
-    "body.limbs_unsupported": count, low, "Limbs without enough points to say where they are, over all believed messages: given out as filled";
-    "body.iterations": count, low, "Steps of the search in a message, mean over believed messages after the shape is known";
-    "body.silhouette_rays": count, neither, "Lines of sight through the borders of silhouettes that a message was fitted to, mean over all messages";
-    "body.girth": ratio, neither, "Thickness of the fitted body over that of the template, geometric mean over its balls";
+        "body.outliers": share, low, "Points farther than outlier_sigmas from the surface, over all accepted messages";
+        "body.limbs_unsupported": count, low, "Limbs without enough points for their posture, over all accepted messages: sent as filled";
+        "body.iterations": count, low, "Iterations of the fit per message, mean over accepted messages after the shape is known";
+        "body.silhouette_rays": count, neither, "Lines of sight through the borders of silhouettes used for a message, mean over all messages";
+        "body.girth": ratio, neither, "Thickness of the fitted body relative to the template, geometric mean over its balls";
 }
 
-/// What is fitted.
+/// The fitted model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
@@ -83,7 +83,7 @@ pub enum Equation {
     Distance,
 }
 
-/// What is given out as the skin.
+/// Output of the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Skin {
@@ -96,13 +96,13 @@ pub enum Skin {
     Patches,
 }
 
-/// A joint that somebody clicked.
+/// A clicked joint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Clicked {
-    /// Which: `right-elbow` and the like, as joints are called in tables of bodies [–]
+    /// Name of the joint, such as `right-elbow`, as in tables of bodies [–]
     pub joint: String,
-    /// Where, in the scale's space [m]
+    /// Its position in the scale's space [m]
     pub at: [f64; 3],
 }
 
@@ -112,57 +112,57 @@ pub struct Clicked {
 pub struct BodySettings {
     /// `right_arm`, `left_arm` or `person` [–]
     pub model: Model,
-    /// About how tall the person is: lengths and thicknesses of the template are parts of it [m]
+    /// Approximate stature of the person, which scales lengths and thicknesses of the template [m]
     #[schemars(range(min = 0.5, max = 2.5))]
     pub height_m: f64,
     /// Metaballs on each limb: three suffice for posture, more show the shape better [–]
     #[schemars(range(min = 1, max = 12))]
     pub balls: usize,
-    /// Joints at the first message, three at least for an arm; more than the port `joints` gives are not needed [m]
+    /// Joints at the first message, three at least for an arm; not needed for joints that the port `joints` gives [m]
     pub clicked: Vec<Clicked>,
-    /// How far off clicked joints are: standard deviation of their distance [mm]
+    /// Error of clicked joints: standard deviation of their distance [mm]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub clicked_mm: f64,
-    /// Points that are fitted to at most, spread evenly over their identities: more cost time, and what neighbours say is nearly the same [–]
+    /// Most points used for a fit, spread evenly over their identities: more cost time, and neighbours are nearly redundant [–]
     #[schemars(range(min = 20, max = 100000))]
     pub points: usize,
-    /// Standard deviation of a person's surface, clothes and all, from the best body of metaballs; added to that of points [mm]
+    /// Standard deviation of a person's surface, clothes included, from the best body of metaballs; added to that of points [mm]
     #[schemars(range(min = 0.1, max = 50.0))]
     pub model_mm: f64,
-    /// The same at a joint between two limbs, where skin bulges and cloth wrinkles; it fades over 50 mm. Points there say less of how limbs lie [mm]
+    /// The same at a joint between two limbs, where skin bulges and cloth wrinkles; it fades over 50 mm. Points there have less weight [mm]
     #[schemars(range(min = 0.0, max = 200.0))]
     pub joint_mm: f64,
-    /// Points nearer to each other have that error in common, and count as one [mm]
+    /// Correlation distance of that error: nearer points count as one [mm]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub independent_mm: f64,
-    /// How far skin and cloth slide over a limb: standard deviation of the place of a tracked point on its limb. 0: points are of the surface, and where on it is not asked [mm]
+    /// Sliding of skin and cloth over a limb: standard deviation of a tracked point's place on its limb. 0: the place on the surface is not used [mm]
     #[schemars(range(min = 0.0, max = 200.0))]
     pub slide_mm: f64,
-    /// How fast joints turn: the standard deviation of a change of an angle, and of the root's place with a lever of 0.3 m [rad/s]
+    /// Rate of joints: standard deviation of a change of an angle, and of the root's position with a lever of 0.3 m [rad/s]
     #[schemars(range(min = 0.1, max = 100.0))]
     pub turn_rad_s: f64,
-    /// Messages in which lengths and radii are sought; their means are kept from then on [–]
+    /// Messages in which lengths and radii are estimated; their means are used from then on [–]
     #[schemars(range(min = 1, max = 10000))]
     pub shape_frames: u32,
-    /// Lines of sight through the border of each silhouette at `silhouettes`, at most [–]
+    /// Most lines of sight through the border of each silhouette at `silhouettes` [–]
     #[schemars(range(min = 3, max = 100000))]
     pub silhouette_rays: usize,
-    /// How well the border of a silhouette is known, standard deviation [px]
+    /// Standard deviation of a silhouette's border [px]
     #[schemars(range(min = 0.05, max = 50.0))]
     pub silhouette_px: f64,
-    /// `field` or `distance` [–]
+    /// Form of a point's equation: `field` or `distance` [–]
     pub equation: Equation,
-    /// Shape and posture are sought in turn, as the paper does it, and not all together [–]
+    /// Whether shape and posture are estimated alternately, as in the paper, instead of jointly [–]
     pub in_turn: bool,
-    /// Points farther from the surface belong to no limb: in standard deviations of point and model together [σ]
+    /// Largest distance of points from the surface in standard deviations of point and model together; farther points belong to no limb [σ]
     #[schemars(range(min = 2.0, max = 50.0))]
     pub outlier_sigmas: f64,
-    /// `none`, `isosurface` or `patches`: what the port `skin` gives [–]
+    /// Output at the port `skin`: `none`, `isosurface` or `patches` [–]
     pub skin: Skin,
-    /// How fine the isosurface is [mm]
+    /// Resolution of the isosurface [mm]
     #[schemars(range(min = 1.0, max = 100.0))]
     pub skin_mm: f64,
-    /// Whether `body.svg` shows the body over the points, at the first, the middle and the last message [–]
+    /// Whether `body.svg` with the body over the points, at the first, the middle and the last message, is written [–]
     pub picture: bool,
 }
 
@@ -201,7 +201,7 @@ pub struct BodyFitter {
     picture: Option<Picture>,
     out_dir: Option<std::path::PathBuf>,
     rms: Vec<f64>,
-    /// By the kind of the reason: how many messages, and the first one's time and reason in words.
+    /// By kind of reason: number of messages, and time and text of the first.
     refused: BTreeMap<&'static str, (u64, Time, String)>,
     n_points: u64,
     n_outliers: u64,
@@ -393,7 +393,7 @@ impl Node for BodyFitter {
         report.figure("body.refused", self.refused.values().map(|it| it.0).sum::<u64>() as f64);
         for (kind, (n, time, reason)) in &self.refused {
             report.figure(format!("body.refused.{kind}"), *n as f64);
-            report.remark(format!("no body in {n} messages for reasons like that at {:.2} s: {reason}", time.as_s()));
+            report.remark(format!("no body in {n} messages, first at {:.2} s: {reason}", time.as_s()));
         }
         let rms = foveate::estimation::statistics::median(&self.rms).unwrap_or(f64::NAN);
         report.figure("body.rms_mm.median", 1e3 * rms);
@@ -406,7 +406,7 @@ impl Node for BodyFitter {
         if let Some((n, first)) = self.foreign {
             let first = BODY_JOINTS.get(first).copied().unwrap_or("one without a name");
             report.remark(format!(
-                "of the joints at `joints` ({first} and so on) none is the model's, in {n} messages: expected those of `model = \"{}\"`; the points alone say how it lies",
+                "none of the joints at `joints` ({first} and so on) is of the model in {n} messages: expected those of `model = \"{}\"`; only the points are used",
                 self.settings.model.name()
             ));
         }

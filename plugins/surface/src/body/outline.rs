@@ -1,4 +1,4 @@
-//! Borders of silhouettes as lines of sight that touch the body: observations of a kind of their own [D'Apuzzo 1999 §4.1].
+//! Borders of silhouettes as lines of sight that are tangent to the body [D'Apuzzo 1999 §4.1].
 //!
 //! A border lies between a pixel that is body and a neighbour that is not, where the confidence passes a half. Borders of the picture are none: the body goes on there.
 

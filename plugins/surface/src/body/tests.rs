@@ -12,7 +12,7 @@ use foveate_testkit::check_node;
 use nalgebra::{Matrix3, Point2, Point3, UnitQuaternion, Vector3};
 
 use super::track::start::stray;
-use super::track::{BodyTracker, Outcome, Rules, blame};
+use super::track::{BodyTracker, Outcome, Rules, rejection};
 use super::{BodyFitter, BodySettings, Clicked, Model, SILHOUETTES, SKELETONS, SKIN, Skin};
 
 const TRACKED: In<TrackedSurface> = In::each(0, "tracked");
@@ -152,7 +152,7 @@ fn without_clicks_an_arm_is_found_along_its_points() {
 
 #[test]
 fn an_arm_without_clicks_that_only_fits_as_few_people_are_is_refused_and_two_clicks_count() {
-    // Somebody far smaller than was said: which end is the shoulder is no longer told by how long and thick limbs are.
+    // A person far smaller than stated: lengths and thicknesses no longer distinguish the shoulder.
     let first = |settings: BodySettings| {
         let mut bench = NodeBench::<BodyFitter>::new(settings).unwrap();
         bench.feed(&TRACKED, Time::ZERO, points(0.0, 800)).unwrap();
@@ -161,7 +161,7 @@ fn an_arm_without_clicks_that_only_fits_as_few_people_are_is_refused_and_two_cli
     let message = first(BodySettings { clicked: Vec::new(), height_m: 1.3, ..settings() });
     assert!(message.list.is_empty(), "{:?}", message.list);
     let reason = &message.unmodelled[0].reason;
-    assert!(reason.contains("lie off the body") || reason.contains("which way the arm lies"), "{reason}");
+    assert!(reason.contains("off the body") || reason.contains("orientation is ambiguous"), "{reason}");
     let mut two = settings();
     two.clicked.truncate(2);
     let message = first(two);
@@ -304,7 +304,7 @@ fn what_is_no_arm_is_refused_with_the_reason() {
 }
 
 #[test]
-fn joints_that_nobody_has_are_refused() {
+fn unknown_joints_are_refused() {
     let clicked = vec![Clicked { joint: "left-antenna".to_owned(), at: [0.0; 3] }];
     let error =
         BodyFitter::new(BodySettings { clicked, ..BodySettings::default() }, &Setup::for_tests()).err().unwrap();

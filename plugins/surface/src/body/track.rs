@@ -1,4 +1,4 @@
-//! A body from message to message: starts, priors from the posture before, the shape that is learnt and kept.
+//! Tracking of a body from message to message: start, priors from the posture before, estimation of the shape.
 
 mod middle_line;
 pub(super) mod start;
@@ -24,7 +24,7 @@ const MOST_OFF_PERSON: f64 = 0.18;
 const LEAST_POINTS: usize = 20;
 /// How well a person's height is known that was said "about", beside people's spread of 4 % about their mean [–].
 const STATURE_SIGMA: f64 = 0.08;
-/// How well it is known how stout and how thickly dressed somebody is, stature included: standard deviation of what the thicknesses of all limbs have in common [–].
+/// Prior of a person's girth and clothing, stature included: common standard deviation of the thicknesses of all limbs [–].
 const GIRTH_SIGMA: f64 = 0.15;
 /// How far lengths of limbs are from what goes with the stature: the spread of 6 % of all people less that of their stature, 4 % [–].
 const LENGTH_SIGMA: f64 = 0.045;
@@ -51,10 +51,10 @@ pub(super) struct Rules {
     pub options: BodyFitOptions,
 }
 
-/// Why there is no body: in short, and in words.
+/// Why there is no body: a key and a text.
 pub(super) type Refusal = (&'static str, String);
 
-/// What became of a message.
+/// Result for a message.
 pub(super) enum Outcome {
     Followed(Box<Frame>),
     Refused { kind: &'static str, reason: String },
@@ -64,7 +64,7 @@ pub(super) enum Outcome {
 pub(super) struct Frame {
     pub fit: BodyFit,
     pub skeleton: Skeleton,
-    /// Segments that points say nothing of.
+    /// Segments without supporting points.
     pub unsupported: Vec<usize>,
     pub n_points: usize,
     /// Lengths and radii were sought, too.
@@ -160,11 +160,11 @@ impl BodyTracker {
             Some(last) if surface.time > last.time => {
                 let since_s = (surface.time - last.time).as_s();
                 match self.near(&chosen, &rays, last, since_s) {
-                    Ok(fit) if blame(&fit).is_none() => Ok(fit),
-                    _ => self.anew(&chosen, &rays, clicks),
+                    Ok(fit) if rejection(&fit).is_none() => Ok(fit),
+                    _ => self.restart(&chosen, &rays, clicks),
                 }
             }
-            _ => self.anew(&chosen, &rays, clicks),
+            _ => self.restart(&chosen, &rays, clicks),
         };
         let fit = match found {
             Ok(fit) => fit,
@@ -173,7 +173,7 @@ impl BodyTracker {
                 return Outcome::Refused { kind, reason };
             }
         };
-        if let Some((kind, reason)) = blame(&fit) {
+        if let Some((kind, reason)) = rejection(&fit) {
             self.forget();
             return Outcome::Refused { kind, reason };
         }
@@ -222,7 +222,7 @@ impl BodyTracker {
         chosen.iter().map(|it| BodyObservation::Point { at: it.position, sigma_m: sigma(it), segment: None }).collect()
     }
 
-    /// Lines of sight that touch the body. Of a person all do; those of an arm are told from the rest of the person by the points that they pass.
+    /// Lines of sight that touch the body. All of them for a person; for an arm only those that pass near its points.
     fn rays(&self, chosen: &[&TrackedPoint], outlines: &[&Outline]) -> Vec<BodyObservation> {
         let n = chosen.len().max(1) as f64;
         let centroid = chosen.iter().fold(Vector3::zeros(), |sum, it| sum + it.position.coords) / n;
@@ -304,13 +304,13 @@ fn is_before_extremity(segment: &str) -> bool {
     segment.starts_with("forearm") || segment.starts_with("shank")
 }
 
-/// Why a fit is not believed: in short, and in words. One without points on a limb or two is, if the others have some.
-pub(super) fn blame(fit: &BodyFit) -> Option<Refusal> {
+/// Why a fit is rejected: a key and a text. A fit with a limb or two without points is accepted, if the others have some.
+pub(super) fn rejection(fit: &BodyFit) -> Option<Refusal> {
     let is_person = fit.state.scales.len() > ARM_SCALES;
     let most_off = if is_person { MOST_OFF_PERSON } else { MOST_OFF_ARM };
     if fit.off_share > most_off {
         let reason = format!(
-            "{:.0} % of the points lie off the body, expected {:.0} % at most: a limb lies elsewhere than the body has it, much is seen that is none of it, or clothes stand off by more than `model_mm` allows",
+            "{:.0} % of the points are off the body, expected {:.0} % at most: a limb is misplaced, many points belong to something else, or clothes stand off by more than `model_mm`",
             1e2 * fit.off_share,
             1e2 * most_off
         );
@@ -337,5 +337,5 @@ pub(super) fn blame(fit: &BodyFit) -> Option<Refusal> {
         }
     }
     // Nothing but hands, feet or a single limb.
-    (supported < 2).then(|| ("few_limbs", format!("points on {supported} of its segments, expected 2 at least")))
+    (supported < 2).then(|| ("few_limbs", format!("found points on {supported} of its segments, expected 2 at least")))
 }

@@ -108,18 +108,18 @@ fn a_camera_that_contradicts_all_others_is_named_and_left_out() {
     let (all, report) = clouds_of(exchanged.collect(), &cameras, settings());
     let (n_wrong, n_left) = wrong(&all);
     assert!(50 * n_wrong <= n_left, "{n_wrong} of {n_left}, {:?}", report.remarks);
-    let told = |it: &String| it.contains("contradict") || it.contains("`cam-2`") || it.contains("exchanged");
-    assert!(report.remarks.iter().any(told), "{:?}", report.remarks);
+    let is_named = |it: &String| it.contains("contradict") || it.contains("`cam-2`") || it.contains("exchanged");
+    assert!(report.remarks.iter().any(is_named), "{:?}", report.remarks);
 }
 
 #[test]
-fn a_surface_that_bends_more_than_its_step_says_is_left_out_and_told() {
+fn a_surface_that_bends_more_than_its_step_says_is_left_out_and_reported() {
     let cameras = ring(10);
     let scene = Scene::of(Shape::Sphere(0.08), 73);
     let (one, report) = clouds(&scene, &cameras, settings());
     assert!(one.iter().map(|it| it.2.len()).sum::<usize>() < 60);
-    let told = |it: &String| it.contains("`step`") && it.contains("`spacing_px`");
-    assert!(report.remarks.iter().any(told), "{:?}", report.remarks);
+    let is_named = |it: &String| it.contains("`step`") && it.contains("`spacing_px`");
+    assert!(report.remarks.iter().any(is_named), "{:?}", report.remarks);
 }
 
 #[test]

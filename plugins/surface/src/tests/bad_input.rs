@@ -25,7 +25,7 @@ pub(super) fn strayed(
 
 #[test]
 fn a_fabric_that_repeats_is_not_followed_where_it_may_have_gone_elsewhere() {
-    // It repeats every 16.9 mm, or 14 px, and somebody saw where it is; from moment to moment it moves by 0.7 of that, so that the nearest place that looks alike is the wrong one.
+    // It repeats every 16.9 mm, or 14 px, and its place was chosen by hand; from moment to moment it moves by 0.7 of that, so that the nearest place that looks alike is the wrong one.
     let cameras = cameras(2);
     let scene = Scene { period: 13.0, ..Scene::of(Shape::Plane, 32) };
     let at = Point3::new(0.01, 0.0, 0.02);
@@ -73,10 +73,20 @@ fn one_of_three_cameras_out_of_step_gives_no_false_depth() {
     assert!(report.figures["surface.unseen"] == 0.0, "{:?}", report.figures);
     // Where two are enough, each pair has a surface of its own, and the run says that the third does not see it.
     let (_, report) = with(2);
-    assert!(report.remarks.iter().any(|it| it.contains("out of step")), "{:?} {:?}", report.remarks, report.figures);
+    assert!(
+        report.remarks.iter().any(|it| it.contains("not synchronised")),
+        "{:?} {:?}",
+        report.remarks,
+        report.figures
+    );
     let (_, report) =
         matched(moments[0].clone(), &cameras, SurfaceSettings { reference: "cam-1".into(), ..settings() });
-    assert!(!report.remarks.iter().any(|it| it.contains("out of step")), "{:?} {:?}", report.remarks, report.figures);
+    assert!(
+        !report.remarks.iter().any(|it| it.contains("not synchronised")),
+        "{:?} {:?}",
+        report.remarks,
+        report.figures
+    );
 }
 
 #[test]

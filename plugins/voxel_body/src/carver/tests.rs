@@ -98,7 +98,7 @@ fn more_views_than_there_are_cameras_are_refused() {
 }
 
 #[test]
-fn somebody_is_as_large_as_he_is_and_two_people_are_two() {
+fn a_person_has_the_right_volume_and_two_people_are_two() {
     let setup = setup();
     let one = carve(&setup, settings(), set(&setup, &[[0.1, 0.0]]));
     let ratio = one.volume() * 1e3 / litres();
@@ -165,7 +165,7 @@ fn where_several_views_contradict_what_is_said_of_a_voxel_is_what_its_views_say(
     use foveate::geometry::voxels::{CarveOptions, SilhouetteView, keeps};
     let setup = setup();
     let mut set = set(&setup, &[[0.1, 0.0]]);
-    // Each of three cameras sees somebody beside, whom no other sees: none of them alone is to blame.
+    // Each of three cameras sees another person, whom no other sees: none of them alone is to blame.
     for camera in [0, 2, 4] {
         let centre = setup.calibration.cameras[camera].camera.centre();
         let aside = Vector3::new(-centre.y, centre.x, 0.0).normalize() * 0.7;
@@ -210,7 +210,7 @@ fn a_camera_that_falls_silent_is_missing_and_one_without_worth_at_all_is_a_gap()
     let voxels = bench.outputs(&VOXELS);
     assert_eq!(voxels[1].value.views[4].status, ViewStatus::Missing);
     assert!(voxels[1].value.len() >= voxels[0].value.len());
-    assert!(voxels[2].value.is_empty(), "nobody there");
+    assert!(voxels[2].value.is_empty(), "no person");
     assert_eq!(bench.gaps(&VOXELS)[0].reason, "no camera has a silhouette that is worth anything");
     let figures = bench.finish().unwrap().figures;
     assert_eq!((figures["voxels.frames"], figures["voxels.gaps"], figures["voxels.nobody"]), (3.0, 1.0, 1.0));
@@ -225,7 +225,7 @@ fn who_leaves_the_volume_is_cut_off() {
 }
 
 #[test]
-fn somebody_as_dark_as_the_floor_is_carved_where_no_view_is_sure_of_background() {
+fn a_person_as_dark_as_the_floor_is_carved_where_no_view_is_sure_of_background() {
     let setup = setup();
     let doubtful = |at: usize| {
         let mut it = silhouette(&setup.calibration, at, &[[0.1, 0.0]]);
@@ -281,9 +281,9 @@ fn a_camera_that_is_off_by_less_than_a_body_is_left_out_and_named_with_its_shift
         let mut calibration = Calibration::clone(&true_setup.calibration);
         // The camera is said to stand to its right.
         calibration.cameras[2].camera.camera_from_world.translation.x -= off;
-        let told = Setup { calibration: Arc::new(calibration), ..setup() };
+        let said = Setup { calibration: Arc::new(calibration), ..setup() };
         let settings = CarverSettings { voxel_mm: 20.0, ..settings() };
-        let voxels = carve(&told, settings.clone(), set.clone());
+        let voxels = carve(&said, settings.clone(), set.clone());
         let statuses: Vec<ViewStatus> = voxels.views.iter().map(|it| it.status).collect();
         let expected = |it| if it == 2 { ViewStatus::Contradicts } else { ViewStatus::Used };
         assert_eq!(statuses, (0..N).map(expected).collect::<Vec<_>>());
@@ -292,9 +292,9 @@ fn a_camera_that_is_off_by_less_than_a_body_is_left_out_and_named_with_its_shift
         // It sees the body farther right than the others say, by as much.
         let px = pixels_of(off);
         let side = if px > 0 { "right" } else { "left" };
-        let name = &told.calibration.cameras[2].name;
+        let name = &said.calibration.cameras[2].name;
         check_remark(
-            &remarks(&told, settings, set.clone()),
+            &remarks(&said, settings, set.clone()),
             &format!(
                 "{name}: left out of 1 of 1 sets, for it contradicts the others: its silhouettes lie {} px {side}",
                 px.abs()
@@ -334,8 +334,8 @@ fn two_cameras_that_are_off_at_once_are_both_named_and_no_good_one_is() {
             translation.x += x;
             translation.y += y;
         }
-        let told = Setup { calibration: Arc::new(calibration), ..setup_of(8) };
-        carve(&told, settings.clone(), set.clone()).views.iter().map(|it| it.status).collect()
+        let said = Setup { calibration: Arc::new(calibration), ..setup_of(8) };
+        carve(&said, settings.clone(), set.clone()).views.iter().map(|it| it.status).collect()
     };
     for (pair, off) in [([1, 4], [[0.15, 0.0], [-0.15, 0.0]]), ([2, 3], [[0.15, 0.0], [0.0, 0.15]])] {
         let expected = |it| if pair.contains(&it) { ViewStatus::Contradicts } else { ViewStatus::Used };
@@ -438,20 +438,20 @@ fn one_silhouette_for_two_cameras_is_told() {
 }
 
 #[test]
-fn somebody_whom_most_views_have_lost_is_told_with_their_names() {
+fn views_that_lost_a_person_are_named() {
     let setup = setup();
     let mut few = set(&setup, &[[0.1, 0.0]]);
     for it in few.iter_mut().skip(3) {
         *it = silhouette(&setup.calibration, it.camera.0 as usize, &[]);
     }
-    let told = remarks(&setup, settings(), few.clone());
+    let said = remarks(&setup, settings(), few.clone());
     let names: Vec<String> = setup.calibration.cameras[3..].iter().map(|it| format!("{} in 1", it.name)).collect();
-    check_remark(&told, &format!("most show none ({}): these have lost it", names.join(", ")));
-    // What two see may be outside of the volume, and nobody is nothing to tell.
+    check_remark(&said, &format!("most show none ({}): these have lost it", names.join(", ")));
+    // What two see may be outside of the volume, and an empty scene needs no remark.
     few[2] = silhouette(&setup.calibration, 2, &[]);
     for set in [few, set(&setup, &[])] {
-        let told = remarks(&setup, settings(), set);
-        assert!(!told.iter().any(|it| it.contains("most show none")), "{told:?}");
+        let said = remarks(&setup, settings(), set);
+        assert!(!said.iter().any(|it| it.contains("most show none")), "{said:?}");
     }
 }
 
@@ -466,17 +466,17 @@ fn pictures_that_are_mirrored_are_told_and_those_as_taken_are_not() {
             ..it.clone()
         };
         let mirrored: Vec<Silhouette> = taken.iter().map(turned_over).collect();
-        let told = remarks(&setup, settings(), mirrored);
-        check_remark(&told, "mirrored left to right, in 1 of 1 sets");
-        assert!(!told.iter().any(|it| it.contains("contradicts")), "{told:?}");
+        let said = remarks(&setup, settings(), mirrored);
+        check_remark(&said, "mirrored left to right, in 1 of 1 sets");
+        assert!(!said.iter().any(|it| it.contains("contradicts")), "{said:?}");
         let mut spoilt = taken.clone();
         let width = spoilt[1].width as usize;
         for row in spoilt[1].confidence.chunks_mut(width).skip(80) {
             row[20..90].fill(255);
         }
         for set in [taken, spoilt] {
-            let told = remarks(&setup, settings(), set);
-            assert!(!told.iter().any(|it| it.contains("mirrored")), "{people:?}: {told:?}");
+            let said = remarks(&setup, settings(), set);
+            assert!(!said.iter().any(|it| it.contains("mirrored")), "{people:?}: {said:?}");
         }
     }
 }
@@ -500,7 +500,7 @@ fn a_volume_that_is_too_small_or_in_other_units_is_told_in_words() {
     let said = remarks(&half, settings(), set(&whole, &[[0.1, 0.0]]));
     check_remark(&said, "reach an end of the volume: its greatest z in 1 of 1 sets");
     check_remark(&said, "the voxels cover 5");
-    let floor = "silhouettes go on below the volume's floor, z = 0.700 m, in 1 of 1 sets";
+    let floor = "silhouettes extend below the volume's floor, z = 0.700 m, in 1 of 1 sets";
     let without_feet = Setup { volume_m: Some([[-1.0, -1.0, 0.7], [1.0, 1.0, 2.0]]), ..setup() };
     check_remark(&remarks(&without_feet, settings(), set(&whole, &[[0.1, 0.0]])), floor);
     for least in [0.0, 0.38, 0.44] {
@@ -519,12 +519,12 @@ fn a_volume_that_is_too_small_or_in_other_units_is_told_in_words() {
 }
 
 #[test]
-fn a_calibration_whose_z_is_not_up_and_pictures_that_cut_somebody_off_are_told() {
+fn a_calibration_whose_z_is_not_up_and_pictures_that_cut_a_person_off_are_reported() {
     let whole = setup();
     assert!(remarks(&whole, settings(), set(&whole, &[[0.1, 0.0]])).is_empty());
     for (about, expected) in [
-        (Vector3::x() * std::f64::consts::PI, "upright where -z is up"),
-        (Vector3::x() * std::f64::consts::FRAC_PI_2, "upright where y is up"),
+        (Vector3::x() * std::f64::consts::PI, "upright with -z up"),
+        (Vector3::x() * std::f64::consts::FRAC_PI_2, "upright with y up"),
     ] {
         let mut turned = Calibration::clone(&whole.calibration);
         let turn = nalgebra::UnitQuaternion::from_scaled_axis(about);
@@ -538,7 +538,7 @@ fn a_calibration_whose_z_is_not_up_and_pictures_that_cut_somebody_off_are_told()
     cut[2].height = rows as u32;
     cut[2].confidence.truncate(160 * rows);
     cut[2].n_body = cut[2].confidence.iter().filter(|it| **it > 0).count() as u32;
-    let expected = "somebody reaches the edge of the pictures of ring-3 in 1 of 1 sets";
+    let expected = "a person reaches the edge of the pictures of ring-3 in 1 of 1 sets";
     check_remark(&remarks(&whole, settings(), cut.clone()), expected);
     let some = CarverSettings { min_views: 2, ..settings() };
     assert!(!remarks(&whole, some, cut).iter().any(|it| it.contains("the edge of the pictures")));

@@ -1,4 +1,4 @@
-//! What a carver says at its end, for people: a hull that is too small, silhouettes that do not fit, sets that lack cameras.
+//! Remarks of a carver: a hull that is too small, silhouettes that do not fit, sets that lack cameras.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::hull::{Contradiction, Dropped, Volume};
 
-/// Less than this of the silhouettes covered, in the mean, is said in words [–].
+/// With a smaller mean coverage of the silhouettes there is a remark [–].
 const TOO_LITTLE: f64 = 0.85;
 /// A camera of whose silhouettes so much less is covered than of the median one's is named [–].
 const APART: f64 = 0.04;
@@ -15,32 +15,32 @@ const APART: f64 = 0.04;
 const COARSE: f64 = 8.0;
 /// Cameras that are farther away than so many diagonals of the volume have other units, most likely.
 const FAR: f64 = 100.0;
-/// Somebody is cut off at a picture's edge where so many of its pixels are body, over the square root of all of the body's: a limb is as wide [–].
+/// A person is cut off at a picture's edge where this many of its pixels are body, over the square root of all of the body's: the width of a limb [–].
 const AT_EDGE: f64 = 0.1;
-/// That is said of cameras that do so in this part of the sets and more [–].
+/// Smallest part of the sets for that remark [–].
 const OFTEN: f64 = 0.1;
-/// Where the cameras' pictures stand upright is told by so many cameras and more, of which most agree: the length of the mean of their upward directions [–].
+/// Fewest cameras for the upright direction, of which most agree: the length of the mean of their upward directions [–].
 const UPRIGHT_CAMERAS: usize = 3;
 const AGREE: f64 = 0.7;
-/// So many views that show a body where most show none are told [–]: two may see what is outside the volume.
+/// Fewest views for a remark that they show a body where most show none [–]: two may see something outside the volume.
 const FEW: usize = 3;
 /// Cosine of the angle to z from which on they stand upright in another way than bodies do [–]: 45°.
 const OTHERWISE: f64 = 0.7;
 /// The ends of a volume that a body may reach: its floor is none.
 const ENDS: [&str; 5] = ["least x", "greatest x", "least y", "greatest y", "greatest z"];
 
-/// What is counted for words.
+/// Counts for remarks.
 #[derive(Default)]
 pub(super) struct Words {
     /// Whether every camera has to see a voxel.
     needs_all: bool,
     contradictions: BTreeMap<CameraId, Vec<Contradiction>>,
-    /// Sets that were held against their mirror images, and those of them that these fit better.
+    /// Sets that were compared with their mirror images, and those of them that these fit better.
     tried_mirrored: u64,
     mirrored: u64,
     /// Sets in which two cameras had the same silhouette, byte for byte.
     same: BTreeMap<[CameraId; 2], u64>,
-    /// Sets in which the camera's picture cuts somebody off.
+    /// Sets in which the camera's picture cuts a person off.
     at_edge: BTreeMap<CameraId, u64>,
     cut_off: [u64; 5],
     /// Sets in which silhouettes go on below the volume.
@@ -66,7 +66,7 @@ impl Words {
         Self { needs_all, ..Self::default() }
     }
 
-    pub(super) fn hear(
+    pub(super) fn count(
         &mut self,
         silhouettes: &[&Silhouette],
         contradictions: &[Contradiction],
@@ -135,14 +135,14 @@ impl Words {
         let n_cameras = setup.calibration.cameras.len();
         if n_cameras > 1 && self.most_views == 1 {
             report.remark(
-                "no set holds silhouettes of more than one camera, so that nothing was carved: pictures of one moment need one time. Where the numbers in their names count cameras (`{camera}.png`), \
+                "no set has silhouettes of two or more cameras, so nothing was carved: pictures of one moment need one time. Where the numbers in their names count cameras (`{camera}.png`), \
                  `capture.images` needs `numbering = \"order\"`",
             );
         }
         for ([a, b], n) in &self.same {
             let (a, b) = (name(a), name(b));
             report.remark(format!(
-                "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: one folder given for two cameras? (A thing that looks alike from both has such, too.)",
+                "{a} and {b}: the same silhouette, byte for byte, in {n} of {} sets: is one folder used for two cameras? (An object that looks alike from both has such silhouettes, too.)",
                 self.n_sets
             ));
         }
@@ -150,7 +150,7 @@ impl Words {
         let is_mirrored = 2 * self.mirrored > self.tried_mirrored;
         if is_mirrored {
             report.remark(format!(
-                "silhouettes fit each other much better mirrored left to right, in {} of {} sets that were tried: expected pictures as the cameras took them; a body's left and right are exchanged",
+                "silhouettes fit each other much better mirrored left to right, in {} of {} sets that were tried: expected unmirrored pictures; a body's left and right are exchanged",
                 self.mirrored, self.tried_mirrored
             ));
         }
@@ -158,7 +158,7 @@ impl Words {
         let often: Vec<String> = often.map(|(camera, n)| format!("{} in {n}", name(camera))).collect();
         if !often.is_empty() {
             report.remark(format!(
-                "somebody reaches the edge of the pictures of {} of {} sets: what is outside a picture is carved away (unless `min_views` says how many cameras need to see it)",
+                "a person reaches the edge of the pictures of {} of {} sets: parts outside a picture are carved away (unless `min_views` states how many cameras need to see them)",
                 often.join(", "),
                 self.n_sets
             ));
@@ -175,7 +175,7 @@ impl Words {
             |it: &str| is_cut_below || is_mirrored || self.contradictions.keys().any(|camera| name(camera) == it);
         for (share, camera) in least.iter().filter(|it| it.0 < median - APART && !is_told(it.1)) {
             report.remark(format!(
-                "{camera}: the voxels cover {:.0} % of its silhouettes, of the median camera's {:.0} %: it shows what is no body, or its pose is a little off",
+                "{camera}: the voxels cover {:.0} % of its silhouettes, of the median camera's {:.0} %: it shows other objects, or its pose is slightly wrong",
                 100.0 * share,
                 100.0 * median
             ));
@@ -184,8 +184,8 @@ impl Words {
             let worst: Vec<String> =
                 least.iter().take(3).map(|(share, name)| format!("{name} {:.0} %", 100.0 * share)).collect();
             report.remark(format!(
-                "the voxels cover {:.0} % of the silhouettes, expected 95 % or more (least: {}): the hull is too small where silhouettes miss parts of the body, poses are off, pictures are of another camera or \
-                 time, or the volume ends; or silhouettes show what is no body",
+                "the voxels cover {:.0} % of the silhouettes, expected 95 % or more (least: {}): the hull is too small where silhouettes miss parts of the body, poses are wrong, pictures are of another camera or \
+                 time, or the volume ends; or silhouettes show other objects",
                 100.0 * covered,
                 worst.join(", ")
             ));
@@ -195,17 +195,17 @@ impl Words {
         if !ends.is_empty() {
             let head = match self.cut_off[4] {
                 0 => "",
-                _ => ". Whose head its top cuts is not found: expected one above all heads",
+                _ => ". A person whose head is cut off is not found: expected a top above all heads",
             };
             report.remark(format!(
-                "voxels reach an end of the volume: {} of {} sets: what lies beyond is not carved (`volume_m`){head}",
+                "voxels reach an end of the volume: {} of {} sets: parts beyond are not carved (`volume_m`){head}",
                 ends.join(", "),
                 self.n_sets
             ));
         }
         if is_cut_below {
             report.remark(format!(
-                "silhouettes go on below the volume's floor, z = {:.3} m, in {} of {} sets: it cuts bodies off, and ankles are looked for where it ends; expected `volume_m` with a `min` below the feet",
+                "silhouettes extend below the volume's floor, z = {:.3} m, in {} of {} sets: it cuts bodies off, and ankles are misplaced to its end; expected `volume_m` with a `min` below the feet",
                 volume.min[2], self.below, self.n_sets
             ));
         }
@@ -224,8 +224,8 @@ impl Words {
         if self.few as f64 >= OFTEN * self.n_sets as f64 && self.few > 0 {
             let blank: Vec<String> = self.blank.iter().map(|(camera, n)| format!("{} in {n}", name(camera))).collect();
             report.remark(format!(
-                "no voxel is left over in {} of {} sets in which {FEW} silhouettes or more show a body and most show none ({}): these have lost it, or it is outside of `volume_m`. \
-                 Cameras that lost it can be left out (`each`)",
+                "no voxel remains in {} of {} sets in which {FEW} silhouettes or more show a body and most show none ({}): these have lost it, or it is outside of `volume_m`. \
+                 Leave out the cameras that lost it (`each`)",
                 self.few,
                 self.n_sets,
                 blank.join(", ")
@@ -233,7 +233,7 @@ impl Words {
         }
         if self.lost > 0 {
             report.remark(format!(
-                "no voxel is left over, although most silhouettes show a body, in {} of {} sets: {}",
+                "no voxel remains, although most silhouettes show a body, in {} of {} sets: {}",
                 self.lost,
                 self.n_sets,
                 self.why_nothing(setup, volume)
@@ -254,12 +254,12 @@ impl Words {
         let axis = mean.iamax();
         let sign = if mean[axis] < 0.0 { "-" } else { "" };
         let what = if mean.normalize().z < -OTHERWISE {
-            "people are looked for upside down"
+            "people are searched upside down"
         } else {
-            "people are taken for lying ones"
+            "people are assumed to lie"
         };
         Some(format!(
-            "the cameras' pictures are upright where {sign}{} is up, and z is expected to be: {what}, and shadows are not told by their height; turn the calibration (`foveate convert CALIBRATION OUT.toml --from-up {sign}{}`)",
+            "the cameras' pictures are upright with {sign}{} up, but expected with z up: {what}, and shadows are not distinguished by their height; rotate the calibration (`foveate convert CALIBRATION OUT.toml --from-up {sign}{}`)",
             ["x", "y", "z"][axis],
             ["x", "y", "z"][axis]
         ))
@@ -298,7 +298,7 @@ fn n_at_edge(silhouette: &Silhouette) -> u32 {
 
 /// Of one camera.
 fn contradiction(list: &[Contradiction], n_sets: u64) -> String {
-    let mut text = format!("left out of {} of {n_sets} sets, for it contradicts the others", list.len());
+    let mut text = format!("left out of {} of {n_sets} sets because it contradicts the others", list.len());
     if 2 * (list.len() as u64) < n_sets {
         text += " in these";
         return text;
@@ -312,7 +312,7 @@ fn contradiction(list: &[Contradiction], n_sets: u64) -> String {
     let ([x, y], [metres, angle]) = fits[fits.len() / 2];
     let side = |at: i32, less: &str, more: &str| format!("{} px {}", at.abs(), if at < 0 { less } else { more });
     text += &format!(
-        ": its silhouettes lie {} and {} of where the other views say, {:.0} mm at the body or {:.1} degrees: the camera was moved, its pictures are of another time, or its pose or pictures are another's",
+        ": its silhouettes are {} and {} of their prediction by the other views, {:.0} mm at the body or {:.1} degrees: the camera was moved, its pictures are of another time, or its pose or pictures are another camera's",
         side(x, "left", "right"),
         side(y, "above", "below"),
         1e3 * metres,

@@ -1,4 +1,4 @@
-//! Which views contradict the others: a camera that was moved, a calibration that is wrong, files that are another camera's.
+//! Views that contradict the others: a moved camera, a wrong calibration, or another camera's files.
 //!
 //! Without such a view the silhouettes of the others are covered much better, and its own is not covered by what they leave over. A view that only lost an arm differs in that: its silhouette is covered, it lacks
 //! something. What lies in one view only, as a shadow does, carves nothing, so that without it the others are covered as before.
@@ -24,7 +24,7 @@ const TO_CONTRADICT: usize = 4;
 /// Of fewer views than this one is left out only where so much of the others' silhouettes is covered without it: three views that show ghosts agree with few of each other's.
 const FEW: usize = 6;
 const GOOD: f64 = 0.8;
-/// Views of which two at once are looked for: of fewer the rest is no majority that bounds a body, of more one after the other shows, and there are too many twos.
+/// Numbers of views for which pairs are searched: with fewer the rest is no majority that bounds a body, with more one after the other is found, and there are too many pairs.
 const PAIR_OF: std::ops::RangeInclusive<usize> = 7..=12;
 /// Views of which one may be left out.
 const ONE_OF: usize = 3;
@@ -167,7 +167,7 @@ impl Hull {
         let others: Vec<usize> = used.into_iter().filter(|it| *it != at).collect();
         let of_others = self.covered(views, &others, Some(&found));
         let is_told = others.len() + 1 >= FEW || of_others >= GOOD;
-        Ok(self.blame(&views[at], &found, of_others).filter(|_| is_told).map(|it| (at, it)))
+        Ok(self.diagnose(&views[at], &found, of_others).filter(|_| is_told).map(|it| (at, it)))
     }
 
     /// The two views without which the others are covered best, where no single one is to blame: both must contradict the others, each of them alone must spoil what is left without both, and no other two may explain nearly as much.
@@ -209,7 +209,7 @@ impl Hull {
         for at in pair {
             let with_it = self.hull_of(views, &without(statuses, [pair[0] + pair[1] - at; 2]), coarse)?;
             let spoils = of_others - self.covered(views, &others, with_it.as_ref()) >= GAIN;
-            blamed.extend(self.blame(&views[at], &found, of_others).filter(|_| spoils).map(|it| (at, it)));
+            blamed.extend(self.diagnose(&views[at], &found, of_others).filter(|_| spoils).map(|it| (at, it)));
         }
         Ok(if blamed.len() == pair.len() && of_others >= GOOD { blamed } else { Vec::new() })
     }
@@ -221,7 +221,7 @@ impl Hull {
     }
 
     /// Whether a view contradicts the hull of others, who are covered by it to `of_others`: its own silhouette is not, or would be elsewhere.
-    fn blame(&mut self, view: &View, found: &Found, of_others: f64) -> Option<Contradiction> {
+    fn diagnose(&mut self, view: &View, found: &Found, of_others: f64) -> Option<Contradiction> {
         let own = self.covered_of(view, Some(found));
         // `drawn` is the hull of the others in its picture.
         let camera = view.silhouette.camera;

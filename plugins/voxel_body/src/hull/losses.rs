@@ -1,10 +1,10 @@
-//! Voxels that silhouettes ask for and few views deny, and places that they ask for and many deny.
+//! Voxels that silhouettes support and few views deny, and places that they support and many deny.
 //!
 //! A pixel of body shows something: if no voxel lies behind it, a view has cut away what is there, since it lost that part of the body. Of the voxels that at most some views deny, those are
 //! kept that lie behind such pixels in several other views. Where silhouettes fit each other nothing is added, so that the hull does not grow as it does where any voxel may be denied.
 //!
 //! Source: J.-L. Landabaso, M. Pardàs, J. R. Casas, "Shape from inconsistent silhouette", CVIU 112(2), 2008: the inconsistent silhouettes (body that the hull does not cover), the cones behind them, and in these alone a
-//! decision by how many views deny a voxel. Here the pixels must be more than a rim, and asked for by several views, since a shadow or somebody else is asked for by one.
+//! decision by how many views deny a voxel. Here the pixels must be more than a rim, and supported by several views, since a shadow or another person is supported by one.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub struct Losses {
     n_loud: usize,
 }
 
-/// What is contested is told in blocks of about this edge [m].
+/// Edge of the blocks in which contested places are reported [m].
 const BLOCK: f64 = 0.1;
 /// Contested is what this part of the views in whose picture it lies calls body, three at least (ghosts of two agree anywhere), and this part of those asks for, two at least [–].
 const CONTESTED_BODY: f64 = 0.5;
@@ -54,7 +54,7 @@ impl Rule {
     }
 }
 
-/// Less than this part of a silhouette is not asked for [–].
+/// Smaller uncovered parts of a silhouette are ignored [–].
 const LEAST: f64 = 0.01;
 
 impl Losses {
@@ -84,7 +84,7 @@ impl Losses {
         self.wide.push(view.confidence.iter().map(|it| u8::from(*it >= from.min(BODY)) * u8::MAX).collect());
     }
 
-    /// Whether enough is asked for that `rule` may give something back.
+    /// Whether there is enough support for `rule` to give voxels back.
     pub fn any(&self, rule: &Rule) -> bool {
         2 * self.n_loud >= rule.asking
     }
@@ -103,7 +103,7 @@ impl Losses {
         carver.bounds(grid, &in_doubt(views, wide), options)
     }
 
-    /// Adds to `hull` what `options` leave over of `grid` and is asked for as `rule` says; `views` are those that [`Self::look`] took in, in that order.
+    /// Adds to `hull` the voxels of `grid` that `options` keep and `rule` supports; `views` are those that [`Self::look`] took in, in that order.
     ///
     /// # Errors
     /// As [`Carver::carve`].
@@ -139,7 +139,7 @@ impl Losses {
     }
 
     /// What views disagree on of `grid`, in blocks: places that many of them call body, several of these without a voxel behind it, and that the others deny. `views` are those that [`Self::look`] took in, with the hull as it
-    /// is told.
+    /// stands.
     ///
     /// # Errors
     /// As [`Carver::carve`].

@@ -1,6 +1,6 @@
-//! By how much a picture lies beside where it was expected, told by what of the background shows.
+//! Alignment of a picture with its prediction, by the visible background.
 //!
-//! Patches of the expected background that have texture are looked for in the picture (pyramidal Lucas–Kanade). Who stands before them makes some of them be found elsewhere, or not at all: the shift that most of
+//! Patches of the expected background that have texture are searched in the picture (pyramidal Lucas–Kanade). A person in front of them hides or displaces some: the shift that most of
 //! them agree on begins, and those near it say how the picture is shifted, turned and enlarged. What is left of them then, where neighbours agree on it, is how it is [bent](super::bent).
 
 use foveate::imaging::{Channel, FlowSettings, ImageView, ImagingError, LucasKanade, Pyramid, Template, plane};
@@ -188,7 +188,7 @@ mod tests {
 
     const SIZE: [usize; 2] = [320, 240];
 
-    /// A wall, and somebody in stripes before it.
+    /// A wall, and a person in stripes in front of it.
     fn picture(moved: &Similarity2<f64>, body: Option<f64>) -> Vec<u8> {
         let back = moved.inverse();
         (0..SIZE[0] * SIZE[1])
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_a_turn_and_an_enlargement_are_found_with_somebody_before_a_third_of_the_wall() {
+    fn a_shift_a_turn_and_an_enlargement_are_found_with_a_person_before_a_third_of_the_wall() {
         let mut aligner = Aligner::new().unwrap();
         let known = picture(&Similarity2::identity(), None);
         for (shift, turn, scale) in [([0.0, 0.0], 0.0, 1.0), ([3.4, -2.2], 0.004, 1.003), ([-7.5, 5.1], -0.006, 0.996)]

@@ -1,7 +1,7 @@
 //! How a picture is bent beside a background that was taken from elsewhere: what is near moves against what is far, and a picture whose rows are taken one after the other leans while its camera turns.
 //!
 //! Patches that were found say by how much each of them is beside the picture as a whole. A place is beside it as the patches around it are, in proportion to how near they are, and not at all where there are
-//! none; a patch that is off what its neighbours say is somebody's outline, and is left out.
+//! none; a patch that deviates from its neighbours is at a person's outline, and is left out.
 
 use nalgebra::{Point2, Vector2};
 
@@ -11,7 +11,7 @@ const STEP: usize = 32;
 const REACH: f64 = 56.0 / 800.0;
 /// That nothing is bent counts as much as so many patches at the place itself.
 const STRAIGHT: f64 = 0.5;
-/// A patch that is further beside the picture is somebody's [px] …
+/// A patch farther beside the picture is of a person [px] …
 const MOST_PX: f64 = 4.0;
 /// … and so is one that is further off what its neighbours say.
 const AGREE_PX: f64 = 1.5;

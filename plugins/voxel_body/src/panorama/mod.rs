@@ -65,14 +65,14 @@ pub(crate) struct Panorama {
     noise: Vec<f32>,
 }
 
-/// What should be seen from a pose without anybody there.
+/// The predicted empty scene from a pose.
 pub(crate) struct Behind<'a> {
     pub pixels: &'a [u8],
     /// Where that is known.
     pub covered: &'a [bool],
     /// How far edges in it may be off, one standard deviation [px].
     pub jitter_px: f64,
-    /// By how much the camera is turned from where its pose says, about its own axes, if the picture told.
+    /// Rotation of the camera relative to its pose, about its own axes, if the picture was aligned.
     pub turned: Option<UnitQuaternion<f64>>,
 }
 
@@ -243,8 +243,14 @@ impl Panorama {
         }
     }
 
-    /// Rows of a view move towards a picture from `camera`: `told` gives level and share of each of its bytes.
-    fn blend(&mut self, at: usize, camera: &Camera, rows: std::ops::Range<usize>, told: impl Fn(usize) -> (f32, f32)) {
+    /// Rows of a view move towards a picture from `camera`: `source` gives level and share of each of its bytes.
+    fn blend(
+        &mut self,
+        at: usize,
+        camera: &Camera,
+        rows: std::ops::Range<usize>,
+        source: impl Fn(usize) -> (f32, f32),
+    ) {
         let Self { views, warp, size, channels, moved, bent, distance, .. } = self;
         let view = &mut views[at];
         let back = view.own.inverse();
@@ -258,8 +264,8 @@ impl Panorama {
         for row in rows {
             warp.along_row(row, |pixel, u, v| {
                 for channel in 0..*channels {
-                    let share = told((v as usize * size[0] + u as usize) * *channels + channel).1;
-                    let level = between(|it| told(it * *channels + channel).0, size[0], u, v) * FINE;
+                    let share = source((v as usize * size[0] + u as usize) * *channels + channel).1;
+                    let level = between(|it| source(it * *channels + channel).0, size[0], u, v) * FINE;
                     let known = &mut view.levels[pixel * *channels + channel];
                     let was = f32::from(*known);
                     *known = (was + share * (level - was) + 0.5) as u16;

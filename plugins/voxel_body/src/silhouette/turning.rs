@@ -1,4 +1,4 @@
-//! Tests of a camera that turns on a head, in a room of its own: walls with a pattern, seen from where the head's axes carry the camera, and somebody in red.
+//! Tests of a camera that turns on a head, in a room of its own: walls with a pattern, seen from where the head's axes carry the camera, and a person in red.
 
 use std::sync::Arc;
 
@@ -47,7 +47,7 @@ fn wall(camera: &Camera, pixel: Point2<f64>) -> [f64; 3] {
     [110.0, 120.0, 95.0].map(|it| it + 22.0 * wave)
 }
 
-/// Somebody of 0.5 by 1.7 m, 2 m away.
+/// A person of 0.5 by 1.7 m, 2 m away.
 const BODY: Point3<f64> = Point3::new(0.3, 2.0, 1.0);
 
 fn is_body(camera: &Camera, pixel: Point2<f64>) -> bool {
@@ -111,7 +111,7 @@ fn node_keeps_the_law_with_what_only_heads_use() {
 }
 
 #[test]
-fn somebody_is_seen_from_a_head_that_turns_and_the_poses_become_better() {
+fn a_person_is_seen_from_a_head_that_turns_and_the_poses_become_better() {
     let setup = setup(&["pose"]);
     let mut random = Random::new(31);
     let (mut bench, mut s) = taught(&setup, &mut random);
@@ -189,7 +189,7 @@ fn a_picture_waits_for_its_pose_and_is_a_gap_without() {
     bench.feed(&POSE, two, pose).unwrap();
     let times: Vec<Time> = bench.outputs(&SILHOUETTE).iter().map(Stamped::time).collect();
     assert_eq!(times, [two]);
-    assert!(bench.gaps(&SILHOUETTE)[0].reason.contains("it is not known where the head stood"));
+    assert!(bench.gaps(&SILHOUETTE)[0].reason.contains("pose is unknown"));
     assert_eq!(bench.finish().unwrap().figures["silhouette.without_pose.head-1"], 1.0);
 }
 
@@ -200,11 +200,11 @@ fn what_a_camera_that_turns_has_no_use_for_is_refused() {
     };
     let setup = setup(&["pose"]);
     let absorbing = SilhouetteSettings { absorb_frames: 100, ..settings() };
-    assert!(refused(absorbing, &setup).contains("expected 0: of a camera that turns"));
+    assert!(refused(absorbing, &setup).contains("expected 0: for a camera that turns"));
     let masked = SilhouetteSettings { masks: vec![vec![[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]], ..settings() };
     assert!(refused(masked, &setup).contains("found 1 masks, expected none"));
     let pictured = SilhouetteSettings { background: "empty.png".to_owned(), ..settings() };
-    assert!(refused(pictured, &setup).contains("one picture is no background of a camera that turns"));
+    assert!(refused(pictured, &setup).contains("one picture is no background for a camera that turns"));
     let fixed = Setup { connected: ["pose".to_owned()].into_iter().collect(), ..Setup::for_tests() };
-    assert!(refused(settings(), &fixed).contains("which the calibration does not know as a camera on a head"));
+    assert!(refused(settings(), &fixed).contains("has no head in the calibration"));
 }

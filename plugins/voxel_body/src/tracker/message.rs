@@ -1,6 +1,6 @@
 //! From a body that is followed to its message.
 
-use foveate::geometry::body::{Followed, JointSource, Limb, LimbLevel, Part, Presence};
+use foveate::geometry::body::{JointSource, Limb, LimbLevel, Part, Presence, TrackedBody};
 use foveate::prelude::*;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
@@ -10,7 +10,7 @@ pub(super) fn cameras_of(voxels: &Voxels) -> CameraSet {
 }
 
 /// The message of one body.
-pub(super) fn skeleton_of(followed: &Followed, cameras: &CameraSet) -> Skeleton {
+pub(super) fn skeleton_of(followed: &TrackedBody, cameras: &CameraSet) -> Skeleton {
     let tracker = &followed.tracker;
     let filter = tracker.filter();
     let joints = tracker.joints().into_iter().map(|it| SkeletonJoint {

@@ -1,4 +1,4 @@
-//! `voxel_body.tracker`: from voxels to bodies of parts and joints, found and followed [Mikić 2001].
+//! `voxel_body.tracker`: finds and tracks bodies of parts and joints in voxels [Mikić 2001].
 
 use foveate::geometry::body::filter::MotionOptions;
 use foveate::geometry::body::tracker::LevelOptions;
@@ -28,28 +28,28 @@ ports! {
 }
 
 figures! {
-    "voxel_body.bodies": count, neither, "Bodies followed, mean over all messages of voxels";
+        "voxel_body.bodies": count, neither, "Bodies tracked, mean over all messages of voxels" => "bodies followed, on average";
     "voxel_body.found": count, neither, "Times that a body was found";
     "voxel_body.lost": count, low, "Times that a body was lost: voxels did not support its head or torso for lost_ms";
-    "voxel_body.unmodelled": count, low, "Voxels as large as a body that none was made of, over all messages";
-    "voxel_body.measured": share, high, "Joints that voxels showed at that time, over fourteen for each body and message";
+        "voxel_body.unmodelled": count, low, "Voxel pieces as large as a body without a fitted body, over all messages";
+        "voxel_body.measured": share, high, "Joints measured from voxels at that time, over fourteen for each body and message" => "joints measured";
     "voxel_body.limbs": count, high, "Limbs in the model of a body, mean over bodies and messages";
-    "voxel_body.unexplained": share, low, "Skin of a body's voxels that no part of it explains, mean over bodies and messages";
-    "voxel_body.contradicted": share, low, "Of all times that a body was given out, those in which views contradict each other around it so much that none of it is called measured; left out where there were none";
+        "voxel_body.unexplained": share, low, "Surface of a body's voxels that no part of it explains, mean over bodies and messages";
+    "voxel_body.contradicted": share, low, "Share of the sent bodies without measured joints because views contradict each other around them; missing without any body";
     "voxel_body.parts_found_s": s, low, "From the first message with voxels as large as a body until one body had all ten parts; missing if none had";
 }
 
-/// A target that sits on a body, such as a LED.
+/// A target worn on a body, such as a LED.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MarkOn {
     /// Number of the target [–]
     pub target: u32,
-    /// Which part it sits on, such as `left-lower-arm` [–]
+    /// The part that it is on, such as `left-lower-arm` [–]
     pub part: String,
-    /// Where there, as shares of the part's half lengths along its x, y, z: [0, 0, −1] is the far end of a limb [–]
+    /// Its place there, as shares of the part's half lengths along its x, y, z: [0, 0, −1] is the far end of a limb [–]
     pub at: [f64; 3],
-    /// How well that place is known [mm]
+    /// Standard deviation of that place [mm]
     #[serde(default = "default_mark_sigma")]
     #[schemars(range(min = 1.0, max = 500.0))]
     pub sigma_mm: f64,
@@ -70,33 +70,33 @@ pub struct BodyTrackerSettings {
     /// Its standard deviation [%]
     #[schemars(range(min = 1.0, max = 40.0))]
     pub stature_spread_percent: f64,
-    /// A head is accepted where at least this part of all ways from its middle leave the voxels within the crust between the smallest and the largest head [–]
+    /// A head is accepted where at least this part of the directions from its centre leave the voxels within the crust between the smallest and the largest head [–]
     #[schemars(range(min = 0.3, max = 1.0))]
     pub crust_share: f64,
     /// Radius of the smallest and of the largest head, with hair [mm]
     pub crust_mm: [f64; 2],
-    /// Fewer voxels than this are no body [l]
+    /// Smallest volume of a body [l]
     #[schemars(range(min = 1.0, max = 1000.0))]
     pub least_l: f64,
-    /// A piece that holds more than this is no body, nor several: it is left out, and its volume said. Finding bodies in a hull of a whole room would take minutes [l]
+    /// Largest volume of a piece with bodies: a larger one is left out and reported. Searching a hull of a whole room would take minutes [l]
     #[schemars(range(min = 1.0, max = 1000000.0))]
     pub most_l: f64,
-    /// A limb that voxels have not supported for so long leaves the model; a head or torso, the body [ms]
+    /// Time without support by voxels after which a limb leaves the model; for a head or torso, the body is lost [ms]
     #[schemars(range(min = 0.0, max = 60000.0))]
     pub lost_ms: f64,
-    /// Error of the hull beside that of its voxels: few views, clothes, bodies that are no cylinders [mm]
+    /// Error of the hull beyond that of its voxels: few views, clothes, bodies that are no cylinders [mm]
     #[schemars(range(min = 1.0, max = 200.0))]
     pub sigma_mm: f64,
-    /// How lively limbs are: density of the angular acceleration of upper arms and thighs, lower arms and calves twice as much [rad²/s³]
+    /// Process noise of limbs: density of the angular acceleration of upper arms and thighs, twice as much for lower arms and calves [rad²/s³]
     #[schemars(range(min = 1.0, max = 1e5))]
     pub turning: f64,
-    /// No more bodies are followed [–]
+    /// Most bodies that are tracked [–]
     #[schemars(range(min = 1, max = 64))]
     pub most: u32,
-    /// With what comes so long after them bodies are given out a second time, at `smoothed`: for recordings; 0: not [ms]
+    /// Lag of a second output at `smoothed`, which also uses later measurements: for recordings; 0: none [ms]
     #[schemars(range(min = 0.0, max = 10000.0))]
     pub smooth_ms: f64,
-    /// Targets at `marks` that sit on parts of the body: they enter the filter beside the voxels [–]
+    /// Targets at `marks` that are worn on parts of the body: they are used in the filter together with the voxels [–]
     pub marks: Vec<MarkOn>,
 }
 
@@ -165,7 +165,7 @@ pub struct BodyTrackerNode {
     /// The same where too few views carved them.
     n_few_views: u64,
     n_unmodelled: u64,
-    /// Messages with nobody in them and something that is nearly large enough for a body, and the largest such thing [m³].
+    /// Messages without a body but with a piece that is nearly large enough, and the volume of the largest [m³].
     n_small: u64,
     largest_small: f64,
     unexplained: f64,
@@ -178,8 +178,7 @@ pub struct BodyTrackerNode {
 impl Node for BodyTrackerNode {
     const TYPE: &'static str = "voxel_body.tracker";
     const ROLE: Role = Role::ModelFilter;
-    const SUMMARY: &'static str =
-        "Finds bodies of ten parts in voxels and follows them, with as much detail as the voxels show";
+    const SUMMARY: &'static str = "Fits bodies of ten parts to voxels and tracks them";
     const FIGURES: Figures = DECLARED_FIGURES;
     type Settings = BodyTrackerSettings;
 
@@ -195,7 +194,7 @@ impl Node for BodyTrackerNode {
             return Err(ConfigError::at("crust_mm", message));
         }
         if !settings.marks.is_empty() && !setup.is_connected(&MARKS) {
-            return Err(ConfigError::at("marks", "found marks, expected targets at the input `marks` that they are"));
+            return Err(ConfigError::at("marks", "found marks, expected their targets at the input `marks`"));
         }
         if settings.most_l < settings.least_l {
             let message = format!("found {}, expected `least_l` or more: {}", settings.most_l, settings.least_l);
@@ -257,11 +256,11 @@ impl Node for BodyTrackerNode {
             seen.iter().filter(near).cloned().collect()
         });
         let contested: Vec<_> = voxels.contested.iter().map(|it| (it.centroid, it.volume)).collect();
-        self.people.hear_contested(&contested);
+        self.people.set_contested(&contested);
         let cameras = cameras_of(voxels);
         // Voxels of other programs do not say by whom they were seen.
         if !voxels.views.is_empty() {
-            self.people.hear_views(cameras.len());
+            self.people.set_n_views(cameras.len());
         }
         let list: Vec<Skeleton> = self.people.list().iter().map(|it| skeleton_of(it, &cameras)).collect();
         self.count(&list, voxels, time);
@@ -335,8 +334,8 @@ impl Node for BodyTrackerNode {
         if self.n_contradicted > 0 {
             report.figure("voxel_body.contradicted", per(self.n_contradicted as f64, self.n_bodies));
             report.remark(format!(
-                "None of a body is called measured at {} of {} times: silhouettes contradict each other around it, for many show body where others show none, or bodies have holes. Poses, pictures of another camera or time, \
-                 or silhouettes that lack pieces: see the overlays.",
+                "None of a body is called measured at {} of {} times: silhouettes contradict each other around it: many show body where others show none, or bodies have holes. Check poses, pictures of another camera or time, \
+                 and silhouettes that lack pieces in the overlays.",
                 self.n_contradicted, self.n_bodies
             ));
         }
@@ -345,19 +344,19 @@ impl Node for BodyTrackerNode {
         }
         if self.n_coarse > 0 {
             report.remark(format!(
-                "In {} of {} messages there were more than {MOST_VOXELS} voxels: bodies were looked for in voxels twice as large or more (`voxel_mm` of the carver).",
+                "In {} of {} messages there were more than {MOST_VOXELS} voxels: bodies were searched in voxels twice as large or larger (`voxel_mm` of the carver).",
                 self.n_coarse, self.n_messages
             ));
         }
         if self.n_few_views > 0 {
             report.remark(format!(
-                "None of a body is called measured at {} of {} times: fewer than 3 views carved it, expected 4 or more, from all around. What two views have in common need not look like anybody.",
+                "None of a body is called measured at {} of {} times: fewer than 3 views carved it, expected 4 or more, from all around. The intersection of two views need not look like a person.",
                 self.n_few_views, self.n_bodies
             ));
         }
         if 2 * self.n_small > self.n_messages {
             report.remark(format!(
-                "In {} of {} messages there was nobody, and the largest thing held {:.0} l at most, expected `least_l` = {:.0} l or more: for a child state a smaller one, and its `stature_m`.",
+                "In {} of {} messages there was no body, and the largest piece had at most {:.0} l, expected `least_l` = {:.0} l or more: for a child set a smaller one, and its `stature_m`.",
                 self.n_small,
                 self.n_messages,
                 1e3 * self.largest_small,
@@ -365,14 +364,14 @@ impl Node for BodyTrackerNode {
             ));
         }
         for (reason, count) in &self.reasons {
-            report.remark(format!("No body was made of voxels large enough for one, {count} times: {reason}."));
+            report.remark(format!("No body was fitted to voxels large enough for one, {count} times: {reason}."));
         }
         Ok(())
     }
 }
 
-/// What is smaller than a body by less than this is told where nobody is found [–].
-const TOLD_SMALL: f64 = 0.3;
+/// A piece smaller than a body by less than this is reported where no body is found [–].
+const NEARLY_LARGE: f64 = 0.3;
 
 /// The middle of the hand on the lower arm: between the wrist at 0.664 of it from the elbow and its end [–].
 const HAND: f64 = 1.0 - 2.0 * 0.83;
@@ -401,7 +400,7 @@ impl BodyTrackerNode {
         }
         let largest =
             voxels.components.iter().map(|it| f64::from(it.n_voxels) * voxels.size.powi(3)).fold(0.0, f64::max);
-        if list.is_empty() && (TOLD_SMALL * least..least).contains(&largest) {
+        if list.is_empty() && (NEARLY_LARGE * least..least).contains(&largest) {
             self.n_small += 1;
             self.largest_small = self.largest_small.max(largest);
         }
@@ -418,8 +417,8 @@ impl BodyTrackerNode {
 
     /// A place on each body as targets.
     fn anchors(&self, time: Time, cameras: &CameraSet, part: Part, factors: &Vector3<f64>) -> Targets {
-        let is_there = |it: &&foveate::geometry::body::Followed| it.tracker.filter().layout().has(part);
-        let target = |it: &foveate::geometry::body::Followed| {
+        let is_there = |it: &&foveate::geometry::body::TrackedBody| it.tracker.filter().layout().has(part);
+        let target = |it: &foveate::geometry::body::TrackedBody| {
             let (position, velocity, covariance) = it.tracker.filter().place(part, factors);
             let is_measured = it.is_seen && it.tracker.shows(part);
             let provenance = if is_measured { Provenance::Measured } else { Provenance::Predicted };

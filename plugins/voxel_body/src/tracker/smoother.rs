@@ -1,8 +1,8 @@
-//! Bodies with what came after them: a fixed-lag smoother over the steps of their filters.
+//! Bodies with later measurements: a fixed-lag smoother over the steps of their filters.
 
 use std::collections::VecDeque;
 
-use foveate::geometry::body::{Followed, Step, smooth};
+use foveate::geometry::body::{Step, TrackedBody, smooth};
 use foveate::prelude::*;
 
 use super::message::skeleton_of;
@@ -11,7 +11,7 @@ use super::message::skeleton_of;
 struct Moment {
     stamp: Stamp,
     time: Time,
-    bodies: Vec<Followed>,
+    bodies: Vec<TrackedBody>,
     cameras: CameraSet,
 }
 
@@ -32,7 +32,7 @@ impl Smoother {
         &mut self,
         stamp: Stamp,
         time: Time,
-        bodies: &[Followed],
+        bodies: &[TrackedBody],
         cameras: &CameraSet,
     ) -> Vec<(Stamp, Skeletons)> {
         self.waiting.push_back(Moment { stamp, time, bodies: bodies.to_vec(), cameras: cameras.clone() });
@@ -46,13 +46,13 @@ impl Smoother {
 
     fn oldest(&self) -> Option<(Stamp, Skeletons)> {
         let first = self.waiting.front()?;
-        let better = |body: &Followed| {
+        let better = |body: &TrackedBody| {
             // The steps of this body from here on, as long as it is followed.
             let own = |it: &Moment| it.bodies.iter().find(|other| other.id == body.id).cloned();
-            let followed: Vec<Followed> = self.waiting.iter().map_while(own).collect();
+            let followed: Vec<TrackedBody> = self.waiting.iter().map_while(own).collect();
             let steps: Vec<Step> = followed.iter().map_while(|it| it.tracker.last_step().cloned()).collect();
             let filter = smooth(&steps).into_iter().next()?;
-            Some(Followed { tracker: body.tracker.with_filter(filter), ..body.clone() })
+            Some(TrackedBody { tracker: body.tracker.with_filter(filter), ..body.clone() })
         };
         let bodies = first.bodies.iter().map(|it| better(it).unwrap_or_else(|| it.clone()));
         let list = bodies.map(|it| skeleton_of(&it, &first.cameras)).collect();

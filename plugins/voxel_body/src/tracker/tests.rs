@@ -128,7 +128,7 @@ fn smoothed_bodies_come_later_and_lie_no_farther_off() {
 }
 
 #[test]
-fn a_box_is_nobody_and_is_named() {
+fn a_box_is_no_body_and_is_named() {
     let mut bench = bench();
     let a_box: Vec<([Point3<f64>; 2], f64)> = (0..5)
         .map(|it| f64::from(it) * 0.1)
@@ -246,7 +246,7 @@ fn voxels_that_are_too_many_are_merged_where_half_of_them_are_there() {
 
 #[test]
 fn a_child_that_is_smaller_than_a_body_is_told_and_a_toy_is_not() {
-    let told = |scale: f64| {
+    let outcome = |scale: f64| {
         let mut bench = bench();
         let small = |([a, b], radius): ([Point3<f64>; 2], f64)| ([a * scale, b * scale], radius * scale);
         let mut voxels = voxels_of(&person(0.0, 0.3).into_iter().map(small).collect::<Vec<_>>(), 0.0);
@@ -263,10 +263,10 @@ fn a_child_that_is_smaller_than_a_body_is_told_and_a_toy_is_not() {
             bench.feed(&VOXELS, Time::from_s(time), Voxels { time: Time::from_s(time), ..voxels.clone() }).unwrap();
         }
         let report = bench.finish().unwrap();
-        (voxels.volume(), report.remarks.iter().any(|it| it.contains("for a child state a smaller one")))
+        (voxels.volume(), report.remarks.iter().any(|it| it.contains("for a child set a smaller one")))
     };
-    let (volume, is_told) = told(0.55);
-    assert!((0.006..0.02).contains(&volume) && is_told, "{volume}");
-    let (volume, is_told) = told(0.25);
-    assert!(volume < 0.004 && !is_told, "{volume}");
+    let (volume, is_reported) = outcome(0.55);
+    assert!((0.006..0.02).contains(&volume) && is_reported, "{volume}");
+    let (volume, is_reported) = outcome(0.25);
+    assert!(volume < 0.004 && !is_reported, "{volume}");
 }

@@ -1,4 +1,4 @@
-//! What is held out to test the solution, and how well it is foretold.
+//! Held-out observations that test the solution, and how well they are predicted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -39,7 +39,7 @@ impl Room<'_> {
         self.hold_out = Some(HoldOut { median_px: f64::NAN, rms_px: f64::NAN, marks: 0, frames: by_frames });
     }
 
-    /// Foretells what was held out: a frame's marks in one camera from the board as the others have it, or marks from their neighbours.
+    /// Predicts what was held out: a frame's marks in one camera from the board as placed by the others, or marks from their neighbours.
     pub(super) fn test(&mut self) {
         let Some(HoldOut { frames, .. }) = self.hold_out else { return };
         let mut foretold: Vec<(usize, usize, Option<Vector2<f64>>)> = Vec::new();

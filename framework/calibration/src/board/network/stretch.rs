@@ -1,6 +1,6 @@
-//! Whether a board is as long and as high as it is said to be: printers stretch paper one way.
+//! Whether a board has the stated proportions: printers stretch paper in one direction.
 //!
-//! A board that is bigger than it is said to be is a room that is bigger. One that is longer one way alone fits no pose where it is turned in the picture; where it is always held the same way, pixels that are not
+//! A board that is larger than stated makes the whole room larger. One that is longer one way alone fits no pose where it is turned in the picture; where it is always held the same way, pixels that are not
 //! square explain it as well. So all is adjusted once more with pixels of the shape that was given and rows that are longer by a factor: that of the least cost is the board's, if it
 //! explains what was seen clearly better than rows as they are said to be, and no worse than pixels of any shape.
 
@@ -18,9 +18,9 @@ use crate::solved::ObservationRole;
 
 /// Frames that tell it: more of the same hardly tell more.
 const FRAMES: usize = 60;
-/// Steps from which the least cost is told [–].
+/// Steps from which the least cost is estimated [–].
 const STEP: f64 = 0.004;
-/// Times that it is told anew, from where it was, and how far from there at most [–].
+/// Re-estimation rounds, each from the last estimate, and how far from there at most [–].
 const ROUNDS: usize = 6;
 const FARTHEST: f64 = 0.01;
 /// What is less is no matter: paper swells by as much [–].

@@ -1,7 +1,7 @@
-//! One camera beside where the others have the light, under each hypothesis of what may be wrong with it.
+//! Fits one camera to the light's places by the others, under each hypothesis of what may be wrong with it.
 //!
-//! Under each the camera's pose, and what is free of its optics, are searched anew; what counts is the share of its observations that then
-//! fit. A hypothesis is taken when it explains half of what is missing beside the share that other cameras reach.
+//! Under each hypothesis the camera's pose, and its free optics, are searched again; the share of its observations that then
+//! fit decides. A hypothesis is accepted when it explains half of what is missing relative to the share that other cameras reach.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! Cameras whose observations contradict the rest so much that they would spoil the room: found, explained and left out.
+//! Finds, diagnoses and leaves out faulty cameras whose observations contradict the rest so much that they would spoil the solution.
 //!
-//! A robust adjustment copes with wrong observations, not with a wrong camera: with few cameras it bends the room until the wrong one fits a
+//! A robust adjustment copes with wrong observations, not with a faulty camera: with few cameras it bends the solution until the faulty one fits a
 //! little. So the room is also solved without each camera in turn, and the set of cameras that agree best with one another is kept:
 //! the sum of the squared shares of observations that fit. Each camera outside of it, or that fits clearly less often than the others, is then
 //! compared with where these alone have the light, under each hypothesis of what may be wrong ([`hypotheses`]). Exact hypotheses (a
@@ -15,7 +15,7 @@ use nalgebra::Point2;
 use self::hypotheses::{Finding, Witnesses};
 use super::moments::Moment;
 use super::settle::Room;
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 use crate::pose_change::PoseChange;
 use crate::recording::Recording;
 
@@ -47,10 +47,10 @@ const LEAST_CHANGE: f64 = 0.1;
 
 /// What was found.
 pub(super) struct Found<'a> {
-    /// The room without the culprits.
+    /// The network without the faulty cameras.
     pub network: Room<'a>,
     /// Cameras left out, and why.
-    pub culprits: Vec<Culprit>,
+    pub culprits: Vec<CameraFault>,
 }
 
 /// Solves a room without the cameras of a list, and with what is wrong with others put right.
@@ -220,7 +220,7 @@ fn put_right<'a>(
         network.cameras[camera] = None;
         network.settle(&[1.0]);
     }
-    let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
+    let culprit = |(camera, cause): &(usize, Cause)| CameraFault { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
     Some(Found { network, culprits: causes.iter().map(culprit).collect() })
 }
 
@@ -233,9 +233,9 @@ fn conclude<'a>(recording: &Recording, best: Subset<'a>, findings: Vec<Finding>,
         Some(_) => true,
         None => false,
     };
-    let culprits: Vec<Culprit> = findings
+    let culprits: Vec<CameraFault> = findings
         .iter()
-        .filter_map(|it| Some(Culprit { camera: it.camera, cause: it.cause?, shares: it.shares }))
+        .filter_map(|it| Some(CameraFault { camera: it.camera, cause: it.cause?, shares: it.shares }))
         .collect();
     let out: Vec<usize> = findings.iter().filter(|it| is_out(it)).map(|it| it.camera).collect();
     let in_use = out.iter().any(|it| best.network.cameras[*it].is_some());

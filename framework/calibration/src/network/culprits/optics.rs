@@ -1,4 +1,4 @@
-//! A camera whose optics are not as stated, in a room that bends until all fits.
+//! Finds a camera whose optics are not as stated, although the solution bends until everything fits.
 //!
 //! A focal length or a shape of pixels that is wrong need not show in the residuals: poses and the optics that are free make up for it, and the
 //! world is off by a third. It shows when these are set free for all cameras alike: the room then fits better, and one camera's are far from
@@ -8,7 +8,7 @@ use foveate_estimation::statistics::median;
 use foveate_geometry::bundle::Freedom;
 
 use super::{Again, Repair};
-use crate::cause::{Cause, Culprit};
+use crate::cause::{CameraFault, Cause};
 use crate::network::settle::Room;
 use crate::recording::Recording;
 use crate::stretches::{steadiness, steady_enough};
@@ -41,7 +41,7 @@ pub(super) fn told_by_optics<'a>(
     recording: &Recording,
     network: &Room<'a>,
     again: Again<'a, '_>,
-) -> Option<(Room<'a>, Vec<Culprit>)> {
+) -> Option<(Room<'a>, Vec<CameraFault>)> {
     let members: Vec<usize> = (0..network.cameras.len()).filter(|it| network.cameras[*it].is_some()).collect();
     let camera = |it: usize| &recording.cameras[it].camera;
     if members.len() < 3 || members.iter().any(|it| recording.cameras[*it].free.focal) {
@@ -80,7 +80,7 @@ pub(super) fn told_by_optics<'a>(
     let limit = (PUT_RIGHT * before).min(NOTHING_LEFT * with_free_optics(network).cost());
     let right = rooms.filter(|it| whole(&it.0) && it.0.cost() < limit && is_steady(&it.0) && is_seen(&it.1));
     let (network, causes) = right.min_by(|a, b| a.0.cost().total_cmp(&b.0.cost()))?;
-    let culprit = |(camera, cause): &(usize, Cause)| Culprit { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
+    let culprit = |(camera, cause): &(usize, Cause)| CameraFault { camera: *camera, cause: *cause, shares: [0.0, 1.0] };
     Some((network, causes.iter().map(culprit).collect()))
 }
 
@@ -123,7 +123,7 @@ pub(super) fn told_wrong<'a>(
     recording: &Recording,
     network: Room<'a>,
     again: Again<'a, '_>,
-) -> (Room<'a>, Vec<Culprit>) {
+) -> (Room<'a>, Vec<CameraFault>) {
     let members: Vec<usize> = (0..network.cameras.len()).filter(|it| network.cameras[*it].is_some()).collect();
     if members.len() < 3 {
         return (network, Vec::new());
@@ -141,7 +141,7 @@ pub(super) fn told_wrong<'a>(
         let shape_off = ((focal(&free, 1) / focal(&free, 0)) / (focal(&network, 1) / focal(&network, 0))).ln();
         [focal_off, shape_off]
     };
-    let mut found: Option<(f64, Culprit)> = None;
+    let mut found: Option<(f64, CameraFault)> = None;
     for which in [1, 0] {
         // All of them may be off by the same for want of depth; one that is off otherwise is not as stated.
         let offs: Vec<f64> = members.iter().map(|it| off(*it)[which]).collect();
@@ -154,7 +154,7 @@ pub(super) fn told_wrong<'a>(
             if is_off && found.as_ref().is_none_or(|it| *size > it.0) {
                 let factor = (off(*camera)[which] - common).exp();
                 let cause = if which == 1 { Cause::PixelShape { factor } } else { Cause::Focal { factor } };
-                found = Some((*size, Culprit { camera: *camera, cause, shares: [0.0, 1.0] }));
+                found = Some((*size, CameraFault { camera: *camera, cause, shares: [0.0, 1.0] }));
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The two ends of a wand followed through the pictures of one camera, by moving little from each to the next.
+//! Tracks the two ends of a wand through the pictures of one camera, by their small motion between pictures.
 
 use nalgebra::{Point2, Vector2};
 
@@ -29,7 +29,7 @@ impl End {
 
 /// The recording with the two ends in each picture labelled 2n and 2n + 1 in the n-th stretch of its camera, through which they could be
 /// followed; other spots are gone. A stretch begins with a picture of just two spots, and ends where an end is missing, where
-/// the ends come so close that they cannot be told apart, and in a gap. Looks are in order.
+/// the ends come so close that they cannot be distinguished, and in a gap. Pictures are in order.
 pub(super) fn follow(recording: &Recording, max_gap_s: f64) -> Recording {
     let mut followed = recording.clone();
     for camera in 0..recording.cameras.len() {

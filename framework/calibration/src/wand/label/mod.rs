@@ -1,14 +1,14 @@
-//! Which light of a wand is which: the same end under the same label in all cameras, though all lights look alike.
+//! Labels the ends of a wand: the same end under the same label in all cameras, although both lights look alike.
 //!
-//! Of two lights in each of two pictures, either the first ones belong together or the first and the second. Pairs of cameras are
-//! oriented on both readings of every frame at once: half of these pairs of pixels is right, which a search by random
-//! quintuples carries. Epipolar lines then tell the readings apart, frame by frame, unless the wand lies along them. The cameras of a
+//! Two lights in each of two pictures can be matched in two ways. Pairs of cameras are
+//! oriented on both matchings of every frame at once: half of these pairs of pixels is right, which is enough for a search by random
+//! quintuples. Epipolar lines then decide between the matchings, frame by frame, unless the wand lies along them. The cameras of a
 //! frame are joined by their clearest readings first; a camera that no clear reading joins goes without labels there. Pictures with
 //! one light or with clutter are read last, by the lines of the cameras that are clear. From frame to frame the ends
 //! keep their labels by moving little.
 //!
-//! Labels that a recording brings along are kept where they agree; a camera that has them the wrong way round throughout is named and
-//! put right.
+//! Labels that a recording already has are kept where they agree; a camera with swapped labels throughout is reported and
+//! corrected.
 
 mod readings;
 
@@ -20,7 +20,7 @@ use crate::recording::{Recording, Spot};
 /// A reading is clear when the other one is worse by this, in squared standard deviations.
 const CLEAR: f64 = 9.0;
 
-/// How to go about it.
+/// Options of [`label`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelOptions {
     /// Of either coordinate of a right pixel, standard deviation; the optics may be guesses, so more than the detector's [px].
@@ -39,18 +39,18 @@ impl Default for LabelOptions {
     }
 }
 
-/// What [`label`] found.
+/// The result of [`label`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labelled {
     /// The recording with the wand's ends as labels 0 and 1; other spots are gone.
     pub recording: Recording,
-    /// Looks with both ends labelled.
+    /// Pictures with both ends labelled.
     pub whole: usize,
-    /// Looks with one end labelled.
+    /// Pictures with one end labelled.
     pub single: usize,
-    /// Spots that were dropped: lamps, clutter, and ends that could not be told.
+    /// Spots that were dropped: lamps, clutter, and ends that stayed ambiguous.
     pub dropped: usize,
-    /// Cameras whose own labels were the wrong way round throughout.
+    /// Cameras whose own labels were swapped throughout.
     pub swapped: Vec<usize>,
     /// Pairs of cameras that were oriented, with the frames in which both saw two lights, and those of them that fit.
     pub pairs: Vec<([usize; 2], usize, usize)>,
@@ -58,33 +58,33 @@ pub struct Labelled {
     pub unplaced: Vec<usize>,
 }
 
-/// Why there is no answer.
+/// Why the ends could not be labelled.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LabelError {
     /// Lists of different lengths.
     #[error("{camera_frames} camera frames and {frames} frame numbers, expected as many of each")]
     LengthsDiffer {
-        /// Looks.
+        /// Pictures.
         camera_frames: usize,
         /// Frames of them.
         frames: usize,
     },
-    /// A look by nobody.
+    /// A frame of an unknown camera.
     #[error("camera frame {camera_frame} is of camera {camera}, expected less than {cameras}")]
     NoSuchCamera {
-        /// Which look.
+        /// Number of the picture.
         camera_frame: usize,
         /// Its camera.
         camera: usize,
         /// How many cameras there are.
         cameras: usize,
     },
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected a finite number above 0")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option outside its range.
+    #[error("{option} is {found}, expected a finite number above 0")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// The value that was found.
         found: f64,
     },
     /// No two cameras saw the wand whole together.
@@ -97,7 +97,7 @@ pub enum LabelError {
         best: [usize; 2],
         /// Their frames.
         frames: usize,
-        /// How many are needed.
+        /// Number that is needed.
         needed: usize,
     },
 }
@@ -112,7 +112,7 @@ struct View {
     ends: [Option<usize>; 2],
 }
 
-/// Groups looks into frames: one for each run of camera frames whose times are less than `tolerance_s` after the one before, and in which no
+/// Groups pictures into frames: one for each run of camera frames whose times are less than `tolerance_s` after the one before, and in which no
 /// camera comes twice. For cameras that share a clock.
 pub fn frames_by_time(recording: &Recording, tolerance_s: f64) -> Vec<Option<usize>> {
     let mut order: Vec<usize> =
@@ -133,7 +133,7 @@ pub fn frames_by_time(recording: &Recording, tolerance_s: f64) -> Vec<Option<usi
     frames
 }
 
-/// Labels the ends of the wand; `frame_of_look` says which frame each camera frame is of, if any.
+/// Labels the ends of the wand; `frame_of_look` gives the frame of each picture, if any.
 ///
 /// # Errors
 /// See [`LabelError`].
@@ -169,9 +169,9 @@ fn check(recording: &Recording, moment_of_frame: &[Option<usize>], options: &Lab
             cameras,
         });
     }
-    for (rule, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
+    for (option, found) in [("sigma_px", options.sigma_px), ("inlier_px", options.inlier_px)] {
         if !(found.is_finite() && found > 0.0) {
-            return Err(LabelError::BadRule { rule, found });
+            return Err(LabelError::BadOption { option, found });
         }
     }
     Ok(())

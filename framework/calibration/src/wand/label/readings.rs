@@ -1,4 +1,4 @@
-//! Cameras oriented by lights that look alike, and how well the readings of a frame fit their epipolar lines.
+//! Orients cameras by lights that look alike, and measures how well both matchings of a frame fit the epipolar lines.
 
 use foveate_estimation::Random;
 use foveate_geometry::epipolar::{EpipolarOptions, relative_pose};
@@ -15,7 +15,7 @@ const PARTNERS: usize = 5;
 const LEAST_RIGHT: f64 = 0.2;
 /// A spot at the same place in this part of the camera frames is a lamp.
 const LAMP_SHARE: f64 = 0.5;
-/// Looks from which on lamps are told.
+/// Pictures from which on lamps are recognised.
 const LAMP_LOOKS: usize = 20;
 /// Lamps stay within this [px].
 pub(super) const LAMP_PX: f64 = 3.0;

@@ -1,4 +1,4 @@
-//! The end of `foveate calibrate`: what is written, what is said, and what becomes of the older calibration.
+//! The end of `foveate calibrate`: files, report, and what happens to the older calibration.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,7 +22,7 @@ use crate::calibrate::{figures, words};
 use crate::output::say;
 use crate::{exit, interrupt, results};
 
-/// What is told beside the room itself.
+/// Remarks beside the calibration itself.
 #[derive(Debug, Default)]
 pub(super) struct More {
     pub(super) words: String,
@@ -36,7 +36,7 @@ pub(super) struct More {
 }
 
 impl More {
-    /// What is said of a light, as it is said of what was seen.
+    /// The target that was seen, in words: a board, a wand, a light.
     fn told(&self, text: &str) -> String {
         if self.is_board { boards::of_board(text) } else { text.to_owned() }
     }
@@ -53,7 +53,7 @@ impl More {
     }
 }
 
-/// Writes everything and says how it is.
+/// Writes all results and reports the verdict.
 pub(super) fn conclude(
     args: &CalibrateArgs,
     older: &Path,
@@ -243,7 +243,7 @@ fn replace(
     }
     let backups = (1..)
         .map(|it| older.with_extension(if it == 1 { "before.toml".to_owned() } else { format!("before-{it}.toml") }));
-    let Some(kept) = backups.into_iter().find(|it| !it.exists()) else { unreachable!("there are numbers enough") };
+    let Some(kept) = backups.into_iter().find(|it| !it.exists()) else { unreachable!("there are enough numbers") };
     std::fs::copy(older, &kept).map_err(|error| format!("error: {} cannot be kept: {error}", older.display()))?;
     results::write_whole(older, text.as_bytes()).map_err(|it| format!("error: {it}"))?;
     Ok(format!("{} is replaced; the one before is {}\n", older.display(), kept.display()))
@@ -261,7 +261,7 @@ pub(super) fn check_writable(older: &Path) -> Result<(), String> {
 }
 
 /// Clocks that were not estimated stay as they were, as do the frame rates of those that were, the heads, and where the older calibration was
-/// adjusted, or its room is told anew, cameras that were not found. Names of these, and of what is lost.
+/// adjusted, or its room is estimated again, cameras that were not found. Names of these, and of what is lost.
 fn carry_over(calibration: &mut Calibration, older: &Calibration, is_same_room: bool) -> CarriedOver {
     let missing = older.cameras.iter().filter(|it| calibration.camera(&it.name).is_none());
     let missing: Vec<NamedCamera> = missing.cloned().collect();

@@ -1,4 +1,4 @@
-//! What of each camera is taken as right, what is guessed and what is found.
+//! Which parameters of each camera are known, guessed and estimated.
 
 use foveate_calibration::recording::CameraGuess;
 use foveate_geometry::{Camera, Distortion, Freedom};
@@ -78,7 +78,7 @@ impl Plan {
 const WIDE: f64 = 2.0;
 
 impl Plan {
-    /// What to know before a room is solved with the wrong shape of pixels, which no light tells apart from a wrong world.
+    /// A note before a room is solved with the wrong pixel aspect: a waved light cannot distinguish that from a distorted world.
     pub(super) fn doubtful_pixels(&self, draft: &Draft) -> Option<String> {
         let doubtful = self.cameras.iter().find(|it| {
             let ([columns, rows], [fx, fy]) = (it.camera.image_size.map(f64::from), it.camera.intrinsics.focal);

@@ -28,9 +28,9 @@ const STARTS: usize = 600;
 const MANY: usize = 200_000;
 /// Places on a shape of triangles from which distances are measured.
 const SAMPLES: usize = 100_000;
-/// Unless told, B is covered where A has a point within so many times the distance between points of A.
+/// Default: B is covered where A has a point within so many times the distance between points of A.
 const COVERS: f64 = 2.0;
-/// With more of its points than this part beside B, nothing is promised of A [–].
+/// With more of its points than this part beside B, `--within` fails [–].
 const MOSTLY_BESIDE: f64 = 0.5;
 /// Without `--align`, a median beyond this part of B's extent means that they do not lie in one space [–].
 const ELSEWHERE: f64 = 0.02;
@@ -114,9 +114,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<u8, String> {
     if !has_sides(&b) {
         is_signed = has_sides(&a) && shape_b.turn_normals(&moved);
         if !is_signed {
-            notes.push(
-                "nothing says which side of B is outside: distances have no sign that means something".to_owned(),
-            );
+            notes.push("the outside of B is unknown: distances are without a sign".to_owned());
         }
     }
     let covers = args.coverage_within.map_or(COVERS * moved.spacing().max(1e-9), |it| it * 1e-3);
@@ -192,7 +190,7 @@ fn load(name: &'static str, path: &Path, metres_per_unit: Option<f64>) -> Result
         |it: &dyn std::fmt::Display| harmless(&format!("`{}` is no PLY file that can be read: {it}", path.display()));
     let shape = ply::read(&bytes).map_err(|it| fault(&it))?;
     let (metres_per_unit, unit_by) = match (metres_per_unit, shape.metres_per_unit) {
-        (Some(told), _) => (told, "told"),
+        (Some(given), _) => (given, "from the command line"),
         (None, Some(said)) => (said, "the file says"),
         (None, None) => (1.0, "taken"),
     };

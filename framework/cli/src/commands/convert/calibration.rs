@@ -54,7 +54,7 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
     };
     let export = match calibration.export(format) {
         Ok(export) => export,
-        Err(error) => return complain(&format!("cannot be said in the form {format}: {error}")),
+        Err(error) => return complain(&format!("cannot be written in the form {format}: {error}")),
     };
     if args.strict && !export.lost.is_empty() {
         return complain(&format!("nothing is written, since the form {format} loses\n{}", list(&export)));
@@ -96,7 +96,7 @@ fn list(export: &Export) -> String {
     export.lost.iter().map(|it| format!("  {it}\n")).collect()
 }
 
-/// The form that the ending of `out` stands for.
+/// The form that the ending of `out` means.
 fn by_ending(out: &Path, n_cameras: usize) -> Result<Format, String> {
     let ending = out.extension().and_then(|it| it.to_str()).unwrap_or_default().to_ascii_lowercase();
     match (ending.as_str(), n_cameras) {

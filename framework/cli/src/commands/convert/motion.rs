@@ -134,7 +134,7 @@ fn target(args: &ConvertArgs) -> Result<Target, String> {
     }
 }
 
-/// Does to the motion what was asked for, and says what was done.
+/// Applies the requested steps to the motion, and reports what was done.
 fn worked_on(motion: &mut Motion, args: &ConvertArgs, target: Target, said: &mut String) -> Result<(), String> {
     let needs_rate = !matches!(target, Target::Form(Form::Table | Form::Npz)) || args.motion.smooth.is_some();
     let is_irregular = motion.rate_hz.is_none() && motion.n_frames() > 1;
@@ -171,7 +171,7 @@ fn worked_on(motion: &mut Motion, args: &ConvertArgs, target: Target, said: &mut
     Ok(())
 }
 
-/// What a scene of points does not tell.
+/// What a scene of points cannot hold.
 fn lost_in_scene(motion: &Motion) -> Vec<String> {
     use foveate_messages::Provenance;
     let mut lost = motion.besides.clone();

@@ -170,8 +170,8 @@ fn what_cannot_be_solved_is_refused_with_the_reason() {
         SolveError::NoSuchParameter { index: 7, dimension: 1 }
     );
     let loss = Loss::Cauchy { scale: 0.0 };
-    assert!(matches!(refused(&Options { loss, ..options.clone() }), SolveError::BadRule { found: 0.0, .. }));
-    assert!(matches!(refused(&Options { relative_gain: f64::NAN, ..options }), SolveError::BadRule { .. }));
+    assert!(matches!(refused(&Options { loss, ..options.clone() }), SolveError::BadOption { found: 0.0, .. }));
+    assert!(matches!(refused(&Options { relative_gain: f64::NAN, ..options }), SolveError::BadOption { .. }));
 }
 
 #[test]

@@ -138,17 +138,17 @@ fn bad_starts_and_options_are_refused_with_the_reason() {
     for start in [None, Some(f64::NAN), Some(f64::INFINITY)] {
         assert_eq!(refused(start, &options()), SolveError::BadStart);
     }
-    let rule = |options: DriverOptions| match refused(Some(1.0), &options) {
-        SolveError::BadRule { rule, .. } => rule,
+    let option = |options: DriverOptions| match refused(Some(1.0), &options) {
+        SolveError::BadOption { option, .. } => option,
         other => panic!("{other}"),
     };
     let damping = Damping::default();
-    assert_eq!(rule(DriverOptions { relative_gain: 0.0, ..options() }), "relative_gain");
-    assert_eq!(rule(DriverOptions { absolute_gain: -1.0, ..options() }), "absolute_gain");
+    assert_eq!(option(DriverOptions { relative_gain: 0.0, ..options() }), "relative_gain");
+    assert_eq!(option(DriverOptions { absolute_gain: -1.0, ..options() }), "absolute_gain");
     let with = |damping: Damping| DriverOptions { damping, ..options() };
-    assert_eq!(rule(with(Damping { initial: 0.0, ..damping })), "the initial damping");
-    assert_eq!(rule(with(Damping { least: f64::NAN, ..damping })), "the least damping");
-    assert_eq!(rule(with(Damping { fastest_decrease: 0.0, ..damping })), "the fastest decrease of the damping");
+    assert_eq!(option(with(Damping { initial: 0.0, ..damping })), "initial damping");
+    assert_eq!(option(with(Damping { least: f64::NAN, ..damping })), "least damping");
+    assert_eq!(option(with(Damping { fastest_decrease: 0.0, ..damping })), "fastest decrease of the damping");
 }
 
 #[test]

@@ -308,6 +308,6 @@ fn groups_alone_are_solved_each_by_itself() {
     assert_eq!((found.outcome.cost, found.outcome.stop), (0.0, Stop::SmallGain));
     assert!(matches!(
         solve_grouped(&nothing, Vec::new(), Loss::Cauchy { scale: -1.0 }, &DriverOptions::default()).unwrap_err(),
-        SolveError::BadRule { found: -1.0, .. }
+        SolveError::BadOption { found: -1.0, .. }
     ));
 }

@@ -1,4 +1,4 @@
-//! Of several people, of people who touch, and of what is nobody.
+//! Several people, people who touch, and objects that are no person.
 
 use foveate_estimation::random::Random;
 
@@ -38,7 +38,7 @@ fn a_trunk_without_limbs_that_lies_at_somebodys_feet_is_nobody_before_long() {
     let arms = [-1.0, 1.0].map(|side| ([p(0.72, side * 0.18), p(0.1, side * 0.22)], 0.05));
     let lying = [&shadow[..], &trunk[..]].concat();
     let whole = [&lying[..], &arms[..]].concat();
-    // Beside it stands nobody, then somebody whose feet touch it.
+    // Beside it stands no person, then one whose feet touch it.
     let both = [&lying[..], &drawn::somebody()[..]].concat();
     for (tubes, expected) in [(&lying, 0), (&both, 1)] {
         let mut people = People::new(PeopleOptions::default());
@@ -47,7 +47,7 @@ fn a_trunk_without_limbs_that_lies_at_somebodys_feet_is_nobody_before_long() {
         let cubes =
             |indices| Cubes { size: drawn::SIZE, origin: drawn::ORIGIN, cells: ENDLESS, indices, components: &one };
         people.step(&cubes(&alone), 0.0, |_, _| Vec::new());
-        assert_eq!(people.list().len(), 1, "somebody lies there");
+        assert_eq!(people.list().len(), 1, "a person lies there");
         let indices = drawn::indices(tubes);
         let components = vec![0; indices.len()];
         for _ in 0..60 {
@@ -127,7 +127,7 @@ fn a_chair_is_nobody_alone_and_beside_somebody() {
         let alone = off(&chair);
         n_found += both.len();
         if !alone.is_empty() || both.iter().any(|it| *it > 0.06) {
-            wrong.push(format!("{seed}: {alone:.2?}, beside somebody {both:.2?}"));
+            wrong.push(format!("{seed}: {alone:.2?}, beside a person {both:.2?}"));
         }
     }
     assert!(wrong.is_empty(), "{} of 8: {}", wrong.len(), wrong.join(", "));
@@ -160,7 +160,7 @@ fn somebody_among_a_table_a_chair_and_a_plant_is_the_only_one() {
         let furniture = room.concat();
         let [alone, all] = [heads(&furniture), heads(&[&furniture[..], &person[..]].concat())];
         if !alone.is_empty() || all.len() != 1 || (all[0] - head).norm() > 0.06 {
-            wrong.push(format!("{seed}: {alone:.2?}, with somebody whose head is at {head:.2} {all:.2?}"));
+            wrong.push(format!("{seed}: {alone:.2?}, with a person whose head is at {head:.2} {all:.2?}"));
         }
     }
     // A plant now and then has a trunk, a head and limbs of common sizes; before limbs and what lies were looked at, it was one room in three.
@@ -194,7 +194,7 @@ fn somebody_whose_head_lacked_at_first_is_one_body_before_long() {
             left.push(format!("{seed}: {off:.3?}"));
         }
     }
-    assert!(begun > 0, "nobody begins as two");
+    assert!(begun > 0, "no person begins as two");
     assert!(left.is_empty(), "of {begun} that begin as two: {}", left.join(", "));
 }
 
@@ -241,6 +241,6 @@ fn what_a_gap_cuts_off_goes_with_its_body_and_two_bodies_stay_two() {
     assert_eq!(groups_of(&[[0, 9], [12, 21]]), [0, 1]);
     let between = groups_of(&[[0, 9], [11, 12], [14, 23]]);
     assert!(between[0] != between[2] && (between[1] == between[0] || between[1] == between[2]), "{between:?}");
-    // A chain of pieces hangs on its body; one that lies apart is nobody's.
+    // A chain of pieces hangs on its body; one that lies apart belongs to no body.
     assert_eq!(groups_of(&[[40, 41], [20, 21], [24, 25], [28, 29], [0, 17]]), [0, 4, 4, 4, 4]);
 }

@@ -1,7 +1,8 @@
-//! People who touch when they are first seen: one component of voxels, into which one body would be laid across two.
+//! People who touch when they are first detected: one component of voxels, in which a single body would be laid across two.
 //!
-//! Each head that is high up takes the voxels that are nearer to it than to another one, seen from above; where each of these is somebody, several are there. A fist or a knee that looks like a head is left
-//! with an arm or a leg, which is nobody.
+//! Each high head takes the voxels that are nearer to it than to another one, seen from above; where each of these
+//! sets is a person, there are several. A fist or a knee that looks like a head keeps an arm or a leg, which is no
+//! person.
 
 use nalgebra::Point3;
 
@@ -15,10 +16,10 @@ use super::Cubes;
 const HIGH: f64 = 0.55;
 /// Heads are so far from each other, seen from above [m].
 const APART: f64 = 0.25;
-/// A body's head is so near to the one that it was looked for at [m].
+/// Largest distance of a body's head from the candidate that its search started at [m].
 const NEAR: f64 = 0.1;
 
-/// The bodies in voxels that hang together, if they are several.
+/// The bodies in connected voxels, if there are several.
 pub(super) fn touching(cubes: &Cubes, voxels: &[usize], options: &TrackerOptions) -> Vec<BodyTracker> {
     let field_of = |voxels: &[usize]| {
         let own: Vec<[u16; 3]> = voxels.iter().map(|&it| cubes.indices[it]).collect();

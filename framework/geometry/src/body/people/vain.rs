@@ -1,4 +1,4 @@
-//! What was tried in vain: furniture stays as it is, and to look for a body in it takes as long as to follow one for ten frames and more.
+//! Regions where acquisition failed: furniture stays in place, and a search for a body in it takes as long as tracking one for ten frames or more.
 
 use nalgebra::Point3;
 
@@ -11,7 +11,7 @@ const CHANGED: f64 = 0.1;
 /// Frames between two trials of what stays as it is, at most: silhouettes get better while a background is learnt.
 const LONGEST: u64 = 16;
 
-/// Voxels that were tried in vain, each with the frame from which on it is tried again.
+/// Voxels in which acquisition failed, each with the frame from which on it is tried again.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InVain {
     frame: u64,

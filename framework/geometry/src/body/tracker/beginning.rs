@@ -1,7 +1,7 @@
-//! How a body is found in voxels of which nothing is known: as tall as is expected, or a child.
+//! Acquisition with and without a child: a body of the expected stature, or a smaller one.
 //!
-//! Voxels that are too low for anybody of the expected stature who stands are those of somebody who crouches or sits, or of a child. Both are tried. A child stands on straight legs; whoever is as low on straight
-//! legs is no adult, who would be taller.
+//! Voxels too low for a standing person of the expected stature are those of a crouching or sitting adult, or of a
+//! child. Both are tried. A child stands on straight legs; a person as low on straight legs is no adult.
 
 use nalgebra::Vector3;
 
@@ -24,7 +24,7 @@ const MOST_DOUBT: f64 = 1.4;
 /// have such heads, and limbs that are odder than so much doubt.
 const CLEAR_HEAD: f64 = 0.9;
 const CLEAR_DOUBT: f64 = 4.0;
-/// Of somebody who stands and whose arms are like people's, so much of a head is enough, and legs may be odd: they are in a skirt [–].
+/// For a standing person with plausible arms, so much of a head is enough, and legs may be implausible: they are in a skirt [–].
 const CLOTHED_HEAD: f64 = 0.85;
 /// … with arms of which each is no more unusual, as half of a sum of four squares: those of three people in five [–].
 const USUAL_ARM: f64 = 2.0;
@@ -37,10 +37,10 @@ const HEAD_RADIUS: f64 = 0.095;
 const HEAD_SPREAD: f64 = 0.02;
 
 impl BodyTracker {
-    /// A body in voxels of which nothing is known.
+    /// Acquires a body in voxels without a prior.
     ///
     /// # Errors
-    /// The step that failed: to be tried again in another frame.
+    /// The step that failed; to be tried again in another frame.
     pub fn acquire(field: &VoxelField, options: &TrackerOptions) -> Result<Self, AcquisitionFailure> {
         let wanted = &options.acquisition;
         let volume = field.len() as f64 * field.size().powi(3);
@@ -104,7 +104,7 @@ impl BodyTracker {
         }
     }
 
-    /// Whether all that is odd in somebody who stands, with so much of a head, are the legs, which do not show in a skirt.
+    /// Whether only the legs of a standing person with so much of a head are implausible, since they do not show in a skirt.
     fn is_in_skirt(&self, head: f64) -> bool {
         let arms = [Limb::LeftArm, Limb::RightArm];
         let is_usual = |it: &Limb| self.level(*it) != LimbLevel::Absent && self.unusual(*it) <= USUAL_ARM;
@@ -140,7 +140,7 @@ impl BodyTracker {
             .cloned()
             .or_else(|| standing(field, trunk.head.centre.z + trunk.head.radius, trunk.up.z, &options.proportions));
         let length = standing.as_ref().map_or(trunk.length, |it| {
-            // Where legs part is told of legs that do; of others it is far below.
+            // The place where legs part is known for legs that do; for others it is far below.
             let expected = 2.0 * share(Part::Torso).z * it.stature;
             (trunk.length.clamp(0.85 * expected, 1.15 * expected) + expected) / 2.0
         });
@@ -221,7 +221,7 @@ impl BodyTracker {
     }
 }
 
-/// Proportions of somebody who stands: whose trunk is upright does so, as a rule, and is about as tall as the voxels are high below the `top` of the head; `up` is the cosine between trunk and vertical. `None` of who sits or crouches, and is far below that.
+/// Proportions of a standing person: with an upright trunk a person usually stands, and is about as tall as the voxels are high below the `top` of the head; `up` is the cosine between trunk and vertical. `None` for a sitting or crouching person, who is far below that.
 pub(super) fn standing(field: &VoxelField, top: f64, up: f64, expected: &Proportions) -> Option<Proportions> {
     // They are in the order of their heights.
     let lowest = field.centre(*field.voxels().first()?).z - field.size() / 2.0;
@@ -239,16 +239,16 @@ fn child(field: &VoxelField, head: &HeadFound, lowest: f64, expected: &Proportio
     is_low.then(|| Proportions { stature: height, stature_spread: STANDING_SPREAD, ..expected.clone() })
 }
 
-/// Nobody who stands is lower than this: of children of two years 19 in 20 are taller [m].
+/// No standing person is lower than this: of children of two years 19 in 20 are taller [m].
 const LEAST_CHILD: f64 = 0.80;
 
 /// A child stands on legs whose parts are no farther from upright than this [cosine]: parts of a standing child's are at 0.75 or more, of adults who crouch as low at 0.65 or less.
 const CHILD_LEGS: f64 = 0.75;
 
-/// Of a child's head, so much of the skin is there [–]: silhouettes that lose the head of somebody grown up make a lower body, whose chest looks like a head.
+/// Of a child's head, so much of the skin is there [–]: silhouettes that lose the head of an adult make a lower body, whose chest looks like a head.
 const CHILD_HEAD: f64 = 0.85;
 
-/// A child may leave so much more of the skin to nobody than an adult who crouches [–].
+/// A child may leave so much more of the skin unexplained than an adult who crouches [–].
 const CHILD_REST: f64 = 0.01;
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! How silhouettes contradict each other around a body. Where all are right a hull contains the body, and no view shows what has no voxel: what many views ask for and others deny, and what lacks inside of a part, says that
-//! poses, pictures or silhouettes are wrong there, however well a body was fitted to what they leave over.
-
+//! Contradictions between silhouettes around a body. Where all silhouettes are right, a hull contains the body, and no
+//! view shows what has no voxel: places that many views need and others deny, and missing voxels inside a part,
+//! indicate wrong poses, pictures or silhouettes there, however well a body fits the remaining voxels.
 use nalgebra::{Point3, Vector3};
 
 use super::super::field::VoxelField;
@@ -28,7 +28,7 @@ const HALF: f64 = 0.5;
 const TO_END: f64 = 0.85;
 const TO_END_OF_HEAD: f64 = 0.6;
 
-/// From fewer views no joint is measured: two cones have bodies in common that nobody has.
+/// From fewer views no joint is measured: two cones may enclose bodies that no person has.
 const LEAST_VIEWS: usize = 3;
 /// Joints are so much vaguer an axis in hulls of so few views [m], two and three: of one rendered walker before pairs and threes of eight cameras.
 const FEW_VIEWS_SIGMA: [(usize, f64); 2] = [(2, 0.15), (3, 0.04)];
@@ -101,8 +101,8 @@ impl BodyTracker {
         n as f64 / (ALONG * around.len()) as f64
     }
 
-    /// Says where views contradict each other, after a step: places, and what each stands for [m, m³].
-    pub fn hear_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
+    /// Reports where views contradict each other, after a step: positions, and the volume that each represents [m, m³].
+    pub fn set_contested(&mut self, contested: &[(Point3<f64>, f64)]) {
         let known = |it: &Joint| self.filter.layout().has(it.place().0);
         let heights = Joint::ALL.into_iter().filter(known).map(|it| self.filter.body.joint(it).z);
         let low = heights.fold(f64::INFINITY, f64::min);
@@ -118,17 +118,17 @@ impl BodyTracker {
         self.contradiction = Contradiction { share: now.max(mean), mean: Some(mean), at_head, ..self.contradiction };
     }
 
-    /// Says how many views carved the voxels of the last step.
-    pub fn hear_views(&mut self, n_views: usize) {
+    /// Reports how many views carved the voxels of the last step.
+    pub fn set_n_views(&mut self, n_views: usize) {
         self.contradiction.n_views = Some(n_views);
     }
 
-    /// Whether so few views carved the voxels that none of a body is measured.
+    /// Whether too few views carved the voxels for any joint to count as measured.
     pub fn is_of_few_views(&self) -> bool {
         self.contradiction.n_views.is_some_and(|it| it < LEAST_VIEWS)
     }
 
-    /// Whether views contradict each other so much around this body that none of it is measured.
+    /// Whether views contradict each other so much around this body that no joint counts as measured.
     pub fn is_contradicted(&self) -> bool {
         let Contradiction { share, at_head, lacking, .. } = self.contradiction;
         let levels = &self.options.levels;
@@ -165,21 +165,21 @@ mod tests {
         let volume = field.len() as f64 * field.size().powi(3);
         let floor = Point3::new(torso.x, torso.y, tracker.filter.body.joint(Joint::LeftAnkle).z);
         // On the floor, far away, or little: as before.
-        tracker.hear_contested(&[(floor, volume), (torso + Vector3::x() * 1.5, volume), (torso, 0.01 * volume)]);
+        tracker.set_contested(&[(floor, volume), (torso + Vector3::x() * 1.5, volume), (torso, 0.01 * volume)]);
         assert!(measured(&tracker) == all && sigma(&tracker) < exact + 0.01, "{}", sigma(&tracker));
         let beside = torso + Vector3::x() * 0.2;
-        tracker.hear_contested(&[(beside, 0.2 * volume)]);
+        tracker.set_contested(&[(beside, 0.2 * volume)]);
         assert!(measured(&tracker) == 0 && sigma(&tracker) > exact.hypot(0.1), "{}", sigma(&tracker));
         // It lasts, and ends.
         let mut frames = 0;
         while measured(&tracker) == 0 && frames < 100 {
             tracker.step(&field, 0.04, &[]);
-            tracker.hear_contested(&[]);
+            tracker.set_contested(&[]);
             frames += 1;
         }
         assert!((1..50).contains(&frames) && measured(&tracker) == all, "{frames}");
         let mut tracker = followed(&field);
-        tracker.hear_contested(&[(head + Vector3::z() * 0.2, 0.004)]);
+        tracker.set_contested(&[(head + Vector3::z() * 0.2, 0.004)]);
         assert_eq!(measured(&tracker), 0);
     }
 
@@ -215,7 +215,7 @@ mod tests {
         let tracker = drawn::followed(&field);
         let of = |n_views: usize| {
             let mut tracker = tracker.clone();
-            tracker.hear_views(n_views);
+            tracker.set_n_views(n_views);
             (tracker.shows(Part::Torso), tracker.is_of_few_views(), tracker.contradiction.sigma())
         };
         let enough = tracker.contradiction.sigma();

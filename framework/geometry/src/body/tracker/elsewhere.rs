@@ -1,4 +1,4 @@
-//! Other places where a limb could lie: a fit goes to the nearest minimum of its cost, which may be another one than the least.
+//! Alternative places for a limb: a fit goes to the nearest minimum of its cost, which may not be the global one.
 
 use super::super::field::VoxelField;
 use super::super::limbs::limb_templates;

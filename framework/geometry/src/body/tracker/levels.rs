@@ -1,4 +1,4 @@
-//! How much of each limb is in the model [Mikić 2001 §6]: limbs are looked for, split, joined, given up, and looked for elsewhere.
+//! Levels of limbs [Mikić 2001 §6]: limbs are searched, split, joined, removed, and searched elsewhere.
 
 use nalgebra::Vector3;
 
@@ -25,7 +25,7 @@ pub(super) const BETTER: f64 = 5.0;
 /// Templates of an arm that lies in a thing: so many, their ends so far apart [–, m].
 const OTHER_TEMPLATES: (usize, f64) = (4, 0.10);
 
-/// Sizes that are less likely belong to nobody: 3 standard deviations in each of two numbers of both parts would be 18 [–].
+/// Sizes that are less likely belong to no person: 3 standard deviations in each of two numbers of both parts would be 18 [–].
 const UNUSUAL: f64 = 6.0;
 /// A limb whose sizes are less likely lies in another body or in a chair too [–]. In hulls of two views limbs of people have 12.
 const NOBODYS: f64 = 20.0;
@@ -167,7 +167,7 @@ impl BodyTracker {
         }
     }
 
-    /// Looks anew for limbs that voxels do not support, and for the weakest where many voxels belong to no part.
+    /// Searches again for limbs that voxels do not support, and for the weakest where many voxels belong to no part.
     pub(super) fn search_weak(&mut self, field: &VoxelField, labelled: &[Labelled]) {
         let is_there = |it: &Limb| self.limbs[it.index()].level != LimbLevel::Absent;
         let mut wanted: Vec<Limb> =
@@ -214,7 +214,7 @@ impl BodyTracker {
         self.expected(limb).into_iter().map(of_part).sum()
     }
 
-    /// Whether a limb has sizes that nobody has.
+    /// Whether a limb has implausible sizes.
     pub(super) fn is_nobodys(&self, limb: Limb) -> bool {
         self.unusual(limb) > NOBODYS
     }
@@ -269,7 +269,7 @@ impl BodyTracker {
         }
         let mut trial = self.clone();
         let body = self.filter.body.clone();
-        // Both parts begin anew: the upper one lies where a straight limb had to.
+        // Both parts begin again: the upper one lies where a straight limb had to.
         for limb in &straight {
             trial.set_level(*limb, LimbLevel::Absent, &body);
             trial.set_level(*limb, LimbLevel::Bent, &body);

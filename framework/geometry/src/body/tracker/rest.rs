@@ -1,8 +1,9 @@
-//! Voxels that no part explains, and limbs that could: a leg that was folded into the other one supports itself and leaves its shin to nobody.
+//! Unexplained voxels, and limbs that could explain them: a leg folded into the other one supports itself and leaves its shin unexplained.
 //!
-//! A template that grows from the joint ([`find_limb`](super::super::limbs::find_limb)) goes where voxels are deepest. Of two legs side by side that is the middle between them: the first leg takes what is the
-//! other's, which finds nothing below its hip. So here the question is put the other way round: from the voxels that nobody has to the limbs that reach them, bent in any way that does; what explains all voxels
-//! best, after a fit of the whole body, is taken.
+//! A template that grows from the joint ([`find_limb`](super::super::limbs::find_limb)) goes where voxels are deepest.
+//! For two legs side by side that is the middle between them: the first leg takes voxels of the other, which finds
+//! none below its hip. So here the search is reversed: from the unexplained voxels to limbs that reach them in any
+//! bend; the one that explains all voxels best, after a fit of the whole body, is taken.
 
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 
@@ -15,7 +16,7 @@ use super::super::parts::{Joint, Limb, Part};
 use super::levels::BETTER;
 use super::{BodyTracker, LOOK_EVERY, LimbLevel};
 
-/// A face farther from all skins belongs to nobody, beside half a voxel [m].
+/// A face farther from all skins is unexplained, beside half a voxel [m].
 const FAR: f64 = 0.04;
 /// A limb that bends by more is folded up [rad].
 const FOLDED: f64 = 1.75;
@@ -23,9 +24,9 @@ const FOLDED: f64 = 1.75;
 const APART: f64 = 0.14;
 /// So many places are looked at.
 const N_PLACES: usize = 5;
-/// So many ways of bending to a place.
+/// Number of bends tried to reach a place.
 const N_SWIVELS: usize = 6;
-/// So many of all ways are fitted.
+/// Number of all bends that are fitted.
 const N_FITTED: usize = 4;
 /// An arm that lies in a thing costs so much [–]: own arms of seated people of another renderer do so in hardly a frame, those that were laid into the chair's back or an arm-rest in nearly all.
 const IN_THING: f64 = 10.0;
@@ -36,7 +37,7 @@ struct Way {
 }
 
 impl BodyTracker {
-    /// Lets limbs reach for what nobody has, as long as that explains the voxels better and at most so often.
+    /// Lets limbs reach for unexplained voxels, as long as that explains the voxels better and at most so often.
     pub(super) fn reach_for_rest(&mut self, field: &VoxelField, labelled: &[Labelled], rounds: usize) {
         let mut left = rounds;
         while left > 0 && self.reach_once(field, labelled) {
@@ -87,7 +88,7 @@ impl BodyTracker {
         self.support.cost + self.unusual_limbs() + self.in_things(Limb::ALL)
     }
 
-    /// What arms of somebody who sits cost that lie in a thing [–].
+    /// Penalty on a sitting person's arms that lie in an object [–].
     pub(super) fn in_things(&self, limbs: impl IntoIterator<Item = Limb>) -> f64 {
         if !self.sits() {
             return 0.0;
@@ -99,7 +100,7 @@ impl BodyTracker {
         Limb::ALL.into_iter().filter(|it| self.level(*it) != LimbLevel::Absent).map(|it| self.unusual(it)).sum()
     }
 
-    /// Middles of faces that nobody has, the farthest from all skins first.
+    /// Middles of unexplained faces, the farthest from all skins first.
     fn places_of_rest(&self, field: &VoxelField) -> Vec<Point3<f64>> {
         let skins = self.skins();
         let faces = field.faces();

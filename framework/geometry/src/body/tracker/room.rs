@@ -1,4 +1,5 @@
-//! How much room a limb has, and what goes on beyond a hand: hulls of few views make a sheet of an arm, in which it may lie anywhere, and arms that were laid into a chair's back or an arm-rest end where these do not.
+//! Free room around a limb, and voxels beyond a hand: hulls of few views make a sheet of an arm, in which it may lie
+//! anywhere; arms laid into a chair's back or an arm-rest end where these continue.
 
 use nalgebra::{Point3, Vector3};
 
@@ -23,7 +24,7 @@ const PLACES: [usize; 3] = [8, 6, 8];
 /// What lies this near to the skin of another part is that part's [m].
 const OTHERS: f64 = 0.01;
 
-/// Whether a thigh is turned from the trunk as of somebody who sits.
+/// Whether a thigh is turned from the trunk like a sitting person's.
 pub(super) fn is_seated(body: &Body, thigh: Part) -> bool {
     (body.turn(thigh) * Vector3::z()).dot(&(body.turn(Part::Torso) * Vector3::z())) < SEATED
 }
@@ -66,7 +67,7 @@ impl BodyTracker {
         THIGHS.iter().all(|it| self.filter.layout().has(*it) && is_seated(&self.filter.body, *it))
     }
 
-    /// Whether the hand of an arm is behind the back of somebody who sits: there the chair's back is.
+    /// Whether the hand of an arm is behind the back of a sitting person: there the chair's back is.
     pub(super) fn is_behind_back(&self, limb: Limb) -> bool {
         if limb.is_leg() || !limb.parts().iter().all(|it| self.filter.layout().has(*it)) || !self.sits() {
             return false;
@@ -95,7 +96,7 @@ impl BodyTracker {
         let mut held = 0.0;
         for ring in 0..away {
             let distance = reach * (ring as f64 + 0.5) / away as f64;
-            // Of the ring's area, what each place stands for.
+            // The part of the ring's area that each place represents.
             let area = std::f64::consts::TAU * distance * reach / (away * about * along) as f64;
             for (step, spoke) in (0..along).flat_map(|step| (0..about).map(move |spoke| (step, spoke))) {
                 let angle = std::f64::consts::TAU * spoke as f64 / about as f64;

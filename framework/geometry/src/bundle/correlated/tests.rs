@@ -1,4 +1,4 @@
-//! What is stated held against what is wrong: white noise, noise that lasts, lenses that the model does not know.
+//! Stated covariances compared with actual errors: white noise, noise that lasts, lenses that the model does not know.
 
 use foveate_estimation::Random;
 use nalgebra::Vector2;

@@ -1,4 +1,4 @@
-//! What a fit is worth: distances, support of each segment, and why not to believe it.
+//! Judges a fit: distances, support of each segment, and reasons to distrust it.
 
 use foveate_estimation::least_squares::Unobservable;
 use nalgebra::{DMatrix, Point3};
@@ -14,47 +14,45 @@ const MOST_OUTLIERS: f64 = 0.35;
 /// A size that is so many standard deviations from what it is known to be is another limb's [σ].
 const MOST_SIGMAS: f64 = 3.0;
 
-/// Why not to believe a fit, or a segment of it.
+/// A reason to distrust a fit, or a segment of it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Doubt {
-    /// The points say nothing of a segment: it is where what is known beforehand has it.
+    /// A segment has too few points: its posture is that of the prior.
     #[error("{segment} has {found:.1} independent points, expected {LEAST_SUPPORT} at least")]
     Unsupported {
-        /// Its name.
+        /// Name of the segment.
         segment: String,
-        /// What it has.
+        /// Number of its independent points.
         found: f64,
     },
     /// Too many points lie off the body.
     #[error("{share:.2} of the points lie off the body, expected {MOST_OUTLIERS} at most")]
     Elsewhere {
-        /// Of the points of a surface [–].
+        /// Share of the surface points [–].
         share: f64,
     },
-    /// No limb of this kind is so long or so thick.
-    #[error(
-        "the {what} of {segment} is {sigmas:.1} standard deviations from what people have, expected {most} at most"
-    )]
+    /// A length or thickness that is not plausible for a person.
+    #[error("the {what} of {segment} is {sigmas:.1} standard deviations from people's mean, expected {most} at most")]
     Misshapen {
-        /// Its name.
+        /// Name of the segment.
         segment: String,
-        /// Length or thickness.
+        /// `length` or `thickness`.
         what: &'static str,
-        /// How far off, above 0 too large [σ].
+        /// Deviation; above 0 too large [σ].
         sigmas: f64,
-        /// How far off is believed [σ].
+        /// Largest plausible deviation [σ].
         most: f64,
     },
-    /// A joint is bent as none bends.
+    /// A joint beyond its anatomical limit.
     #[error("{dof} is {beyond_deg:.0} degrees beyond its limit")]
     Limit {
-        /// Its name.
+        /// Name of the angle.
         dof: String,
-        /// By how much [°].
+        /// Amount beyond the limit [°].
         beyond_deg: f64,
     },
-    /// It was still moving when rounds ran out.
-    #[error("the fit did not settle in its rounds")]
+    /// The last round did not converge.
+    #[error("the fit did not converge within its rounds")]
     Unsettled,
 }
 

@@ -32,7 +32,7 @@ enum Decided<'a> {
     },
 }
 
-/// How a point's segment is told.
+/// How a point's segment is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Belongs<'a> {
     /// The nearest bone.

@@ -28,7 +28,7 @@ fn rounded(cosine: f64, sine: f64, power: f64) -> f64 {
     (cosine.abs().powf(power) + sine.abs().powf(power)).powf(-1.0 / power)
 }
 
-/// The arm of somebody in some posture.
+/// The arm of a person in some posture.
 pub struct LoftArm {
     /// Shoulder, elbow, wrist [m].
     pub joints: [Point3<f64>; 3],
@@ -146,7 +146,7 @@ impl LoftArm {
         points
     }
 
-    /// Shoulder, elbow and wrist as somebody clicks them: each `off_m` off, in any direction.
+    /// Shoulder, elbow and wrist as a person clicks them: each `off_m` off, in any direction.
     pub fn clicks(&self, body: &Body, off_m: f64, seed: u64) -> Vec<BodyObservation> {
         let mut random = Random::new(seed).fork("clicks");
         let fore = 1;

@@ -1,4 +1,4 @@
-//! The setting within the limits from which a target that is out of reach is least off the axis.
+//! The setting within the limits at which an unreachable target is least off the axis.
 
 use super::{Aim, Obstacle, Search, Unreachable};
 use crate::pan_tilt::head::{Limits, Setting};

@@ -1,21 +1,21 @@
-//! The settings that have a target in the middle of the image, by the angle of the axis that stands still.
+//! All settings with a target in the middle of the image, by the angle of the fixed axis.
 //!
 //! | here | meaning | unit |
 //! |---|---|---|
-//! | `outer`, `inner` | the axis that stands still, and the one that it carries | – |
-//! | `d` | direction in the camera of what is seen in the middle of the image | – |
+//! | `outer`, `inner` | the fixed axis, and the one that it carries | – |
+//! | `d` | direction in the camera of the middle of the image | – |
 //! | `x` | the target in the space of the camera at rest | m |
 //! | `y(θ)` | `x` turned back by the outer angle θ | m |
 //! | `λ` | distance from the lens to the target | m |
 //!
-//! The camera sees the target in the middle when some turn about the inner axis (through b, along w) takes λ d to y(θ). Such a
-//! turn exists just when both are as far from b and as far along w:
+//! The camera sees the target in the middle when some turn about the inner axis (through b, along w) takes λ d to
+//! y(θ). Such a turn exists exactly when both are equally far from b and equally far along w:
 //!
 //! (a) |λ d − b| = |y(θ) − b|,  (b) w·(λ d − b) = w·(y(θ) − b).
 //!
 //! (a) gives λ for any θ. By (b), A + B cos θ + C sin θ = λ w·d, where the right side is nearly constant: w·d is zero for a tilt axis across
-//! the line of sight, and λ varies only by as much as the axes miss one another. So θ comes from an arc cosine with two values, repeated until it
-//! stands still ([`Sweep::follow`]): the upright and the overturned solution. Where that leads nowhere, as with axes far from such, (b) is sampled
+//! the line of sight, and λ varies only by as much as the axes miss one another. So θ comes from an arc cosine with two values, iterated until it
+//! converges ([`Sweep::follow`]): the upright and the overturned solution. Where that fails, as with very unusual axes, (b) is sampled
 //! over the whole turn ([`Sweep::scan`]); it has at most four solutions.
 
 use std::f64::consts::TAU;

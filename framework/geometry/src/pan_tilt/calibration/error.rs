@@ -1,57 +1,57 @@
-//! Why there is no calibration.
+//! Errors of head calibration.
 
 use super::UNIT_RATIO;
 use crate::camera::CameraError;
 
-/// Why there is no calibration.
+/// Why a head cannot be calibrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeadCalibrationError {
-    /// Optics that are none.
+    /// Optics that cannot be used.
     #[error("the optics: {0}")]
     BadOptics(CameraError),
-    /// A rule that cannot be followed.
-    #[error("{rule} is {found}, expected {expected}")]
-    BadRule {
-        /// Which.
-        rule: &'static str,
-        /// Its value.
+    /// An option out of range.
+    #[error("{option} is {found}, expected {expected}")]
+    BadOption {
+        /// Which option.
+        option: &'static str,
+        /// Value that was found.
         found: f64,
-        /// What it should be.
+        /// What was expected.
         expected: &'static str,
     },
     /// An observation that cannot be used.
     #[error("observation {observation}: {field} is {found}, expected {expected}")]
     BadObservation {
-        /// Which, from 0.
+        /// Index of the observation.
         observation: usize,
-        /// Which part of it.
+        /// Which of its fields.
         field: &'static str,
-        /// Its value.
+        /// Value that was found.
         found: f64,
-        /// What it should be.
+        /// What was expected.
         expected: &'static str,
     },
-    /// Fewer than the unknowns need.
+    /// Too few observations for the unknowns.
     #[error("{count} {kind} observations, expected at least {expected}")]
     TooFew {
-        /// How many.
+        /// Number of observations.
         count: usize,
-        /// Of all, or of the right ones.
+        /// `usable` ones, or inliers.
         kind: &'static str,
-        /// How many are needed.
+        /// Number that is needed.
         expected: usize,
     },
-    /// The head hardly moved.
-    #[error("{axis} was moved over {:.2}° only, expected {:.1}° or more", range.to_degrees(), expected.to_degrees())]
+    /// The head was moved too little.
+    #[error("{axis} was moved over {:.2}°, expected {:.1}° or more", range.to_degrees(), expected.to_degrees())]
     RangeTooSmall {
-        /// Which.
+        /// Which axis.
         axis: &'static str,
-        /// From smallest to largest [rad]; 0 also when its unit could not be found.
+        /// Range of the settings [rad]; 0 also when the unit could not be found.
         range: f64,
-        /// What the rules ask for [rad].
+        /// Range that the options require [rad].
         expected: f64,
     },
-    /// Targets that leave the camera free to turn about them.
+    /// The targets lie on a line, about which the camera can turn.
     #[error("the targets lie on a line: their spread across it is {:.1} mm, {:.1} % of that along it", 1e3 * across, 1e2 * across / along)]
     OnALine {
         /// Standard deviation along the line [m].
@@ -65,61 +65,61 @@ pub enum HeadCalibrationError {
          the units of both angles must be known at least nearly"
     )]
     NoStart {
-        /// Different settings.
+        /// Number of different settings.
         settings: usize,
-        /// Those whose targets gave a pose.
+        /// Settings whose targets gave a pose.
         posed: usize,
     },
-    /// The start given does not see the targets, or not within reach of the search.
+    /// Most targets are not visible from the given start.
     #[error("at the start the camera sees {seen} of {count} targets, expected most of them")]
     BadStart {
         /// Targets in front of the camera.
         seen: usize,
-        /// All.
+        /// Number of targets.
         count: usize,
     },
-    /// The search ran away to another unit.
+    /// The search diverged to another unit of angle.
     #[error(
-        "from {start:.3e} rad the unit of {axis} went to {found:.3e} rad, expected it to stay within a factor of {UNIT_RATIO}"
+        "the unit of {axis} went from {start:.3e} rad to {found:.3e} rad, expected it to stay within a factor of {UNIT_RATIO}"
     )]
     UnitLost {
-        /// Of which axis.
+        /// Which axis.
         axis: &'static str,
-        /// Where it started [rad].
+        /// Unit at the start [rad].
         start: f64,
-        /// Where it ended [rad].
+        /// Unit at the end [rad].
         found: f64,
     },
-    /// Parameters that the observations do not hold at all.
-    #[error("the observations leave open: {}", parameters.join(", "))]
+    /// Unobservable parameters.
+    #[error("unobservable from the observations: {}", parameters.join(", "))]
     Open {
-        /// Which: each cannot be told from those before it.
+        /// The parameters, each undetermined given those before it.
         parameters: Vec<&'static str>,
     },
-    /// Parameters that the observations hold too loosely.
+    /// Parameters that the observations determine too poorly.
     #[error(
-        "{what} is known to {sigma:.2} {unit} only, expected {expected:.2} {unit} or better; the targets were {:.2} to {:.2} m from the camera, pan moved over \
+        "{what} is known to {sigma:.2} {unit}, expected {expected:.2} {unit} or better; the targets were {:.2} to {:.2} m from the camera, pan moved over \
          {:.0}° and tilt over {:.0}°: nearer targets, at more different distances, and more range hold it better",
         distances[0], distances[1], ranges[0].to_degrees(), ranges[1].to_degrees()
     )]
     Loose {
-        /// What.
+        /// Which parameter.
         what: &'static str,
         /// Its standard deviation.
         sigma: f64,
-        /// What the rules ask for.
+        /// Standard deviation that the options require.
         expected: f64,
-        /// Of both.
+        /// Unit of both.
         unit: &'static str,
-        /// Of the nearest and the farthest target [m].
+        /// Distance of the nearest and the farthest target [m].
         distances: [f64; 2],
-        /// Of pan and tilt, between the smallest and the largest setting [rad].
+        /// Ranges of the settings of pan and tilt [rad].
         ranges: [f64; 2],
     },
-    /// Two axes that do the same.
+    /// The axes found are parallel.
     #[error("the axes found are parallel within {:.1}°: settings of pan and tilt may be mixed up", angle.to_degrees())]
     ParallelAxes {
-        /// The angle between them [rad].
+        /// Angle between them [rad].
         angle: f64,
     },
 }

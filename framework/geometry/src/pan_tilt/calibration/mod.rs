@@ -1,13 +1,14 @@
-//! The axes of a head and its camera at rest from targets seen at many settings: [Davis 2002 (4)].
+//! Calibration of a pan-tilt head: its axes and its camera at rest from targets seen at many settings [Davis 2002 (4)].
 //!
-//! [`calibrate_head`] finds a start by itself and [`refine_head`] begins at one that is given. Both minimise ½ Σ ρ(|seen − measured|²) in
-//! units of the pixel's standard deviation, to which the target's own uncertainty contributes what the camera makes of it. A robust loss
-//! finds the right observations among wrong ones; the answer is least squares on the right ones, so that its covariance is that of the
-//! answer. With [`Loss::Squared`] all observations count, as in the paper.
+//! [`calibrate_head`] finds a start by itself, [`refine_head`] begins at a given one. Both minimise ½ Σ ρ(|seen −
+//! measured|²) in units of the pixel's standard deviation, to which the target's own covariance is added as projected.
+//! A robust loss separates inliers from outliers; the result is the least-squares solution on the inliers, so that its
+//! covariance applies to it. With [`Loss::Squared`] all observations count, as in the paper.
 //!
-//! What is free: the pose of the camera at rest (6), each axis (4), and by rule what an angle is in the device's units (1 each) and the focal lengths (1). Where a device
-//! counts from is not: to count from elsewhere is to call another pose the one at rest. Nor is the place of an axis' point along it.
-//! Stacking is not found but given ([`HeadOptions::stacking`]): settings that change one angle at a time fit either.
+//! Free are the pose of the camera at rest (6), each axis (4), and, by option, the angle of a device unit (1 each) and
+//! the focal lengths (1). Not free are the device's zero, since another zero is another pose at rest, and the position
+//! of an axis' point along it. Stacking is not estimated but given ([`HeadOptions::stacking`]): settings that change
+//! one angle at a time fit either.
 
 mod equations;
 mod error;
@@ -32,18 +33,18 @@ pub use self::outcome::{AxisSigma, HeadCalibration, HeadCovariance, Holdout};
 use super::head::{AxisUnits, PanTiltHead};
 use crate::camera::Camera;
 
-/// A target seen at a setting.
+/// An observation of a target at a setting of the head.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadObservation {
-    /// Where the device says that pan is, in its units.
+    /// Pan as the device reports it, in its units.
     pub pan: f64,
-    /// Where the device says that tilt is, in its units.
+    /// Tilt as the device reports it, in its units.
     pub tilt: f64,
-    /// The target, from the tracking system [m].
+    /// Position of the target, from the tracking system [m].
     pub point_in_world: Point3<f64>,
-    /// How well that is known [m²]; zero for exact.
+    /// Covariance of that position [m²]; zero for exact.
     pub point_covariance: Matrix3<f64>,
-    /// Where the camera saw it, raw [px].
+    /// Measured pixel, raw [px].
     pub pixel: Point2<f64>,
     /// Standard deviation of either coordinate of the pixel [px].
     pub sigma_px: f64,
@@ -66,11 +67,12 @@ const START_OFF: f64 = 0.03;
 /// Then, in turn, so many times less.
 const STAGE: f64 = 4.0;
 
-/// Calibrates a head without a start. `optics` says what the camera's intrinsics, distortion and image size are; its pose has no effect.
+/// Calibrates a head without a start. `optics` has the camera's intrinsics, distortion and image size; its pose is not used.
 ///
-/// Poses of the camera at settings with six targets or more ([`crate::resect`]) give axes and units; and all observations together, turned back by the
-/// angles of an aligned head, in any of the eight ways to mount a camera upright, sideways or upside down, give a pose by three targets. The start that
-/// explains the observations best after refinement is taken.
+/// Starts: poses of the camera at settings with six targets or more ([`crate::resect`]) give axes and units; and all
+/// observations together, turned back by the angles of an aligned head, in any of the eight ways to mount a camera
+/// upright, sideways or upside down, give a pose by three targets. The start with the best fit after refinement is
+/// taken.
 ///
 /// # Errors
 /// See [`HeadCalibrationError`].
@@ -94,8 +96,8 @@ pub fn calibrate_head(
     prepared.finish(best.ok_or(fault)?.1)
 }
 
-/// Refines a head that is nearly right. `units` are those of pan and tilt at the start; [`HeadOptions::units`] says which of them are free, and its
-/// numbers are not used.
+/// Refines a head that is nearly right. `units` are the start of pan and tilt; [`HeadOptions::units`] says which of
+/// them are free, and its numbers are not used.
 ///
 /// # Errors
 /// See [`HeadCalibrationError`].

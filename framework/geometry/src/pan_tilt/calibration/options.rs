@@ -1,34 +1,34 @@
-//! How to go about a calibration.
+//! Options of head calibration.
 
 use foveate_estimation::Loss;
 
 use super::HeadCalibrationError;
 use crate::pan_tilt::head::{AxisUnits, Limits, Stacking};
 
-/// What is known of a device's units of angle.
+/// Prior knowledge of a device's unit of angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UnitsRule {
-    /// As given, such as by the device's maker.
+    /// Known, for example from the maker.
     Known(AxisUnits),
-    /// Estimated, starting at this.
+    /// Estimated, from this start.
     Near(AxisUnits),
-    /// Estimated from nothing, and positive: the axis points where the device's numbers rise. Needs settings with several targets each.
+    /// Estimated without a start, and positive: the axis points where the device's numbers increase. Needs settings with several targets each.
     Unknown {
         /// The device's number at angle zero.
         at_rest: f64,
     },
 }
 
-/// What is known of the camera's optics.
+/// Prior knowledge of the camera's optics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OpticsRule {
-    /// All of them.
+    /// All optics are known.
     Known,
-    /// All but the focal lengths, of which the ratio is known.
+    /// The focal lengths are estimated; their ratio and the rest are known.
     Focal,
 }
 
-/// Which model is fitted.
+/// The model of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxesRule {
     /// Axes anywhere: equation (2).
@@ -37,33 +37,32 @@ pub enum AxesRule {
     Aligned,
 }
 
-/// How to go about it.
+/// Options of [`calibrate_head`] and [`refine_head`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadOptions {
-    /// Of pan and tilt.
+    /// Units of pan and tilt.
     pub units: [UnitsRule; 2],
-    /// Which model.
+    /// Model of the axes.
     pub axes: AxesRule,
-    /// Whether the focal lengths are found too.
+    /// Whether the focal lengths are estimated too.
     pub optics: OpticsRule,
     /// Which axis carries the other.
     pub stacking: Stacking,
-    /// Limits that the head found is given; of no effect on the search.
+    /// Limits for the resulting head; without effect on the search.
     pub limits: Limits,
-    /// What an error costs, in its standard deviations.
+    /// Robust loss of an error, in its standard deviations.
     pub loss: Loss,
-    /// How far the head stands from where its device says, standard deviation of either angle [rad]. Above 0, each setting gets a
-    /// correction of its own.
+    /// Standard deviation of either angle between the device's report and the head [rad]. Above 0, each setting gets a correction of its own.
     pub setting_sigma: f64,
-    /// Between the smallest and the largest setting of pan and tilt, at least [rad].
+    /// Least range of the settings of pan and tilt [rad].
     pub least_range: [f64; 2],
-    /// Directions of the axes less well known than this are refused, standard deviation [rad].
+    /// Largest accepted standard deviation of the axes' directions [rad].
     pub most_direction_sigma: f64,
-    /// Places of the axes and of the camera less well known than this are refused, standard deviation [m].
+    /// Largest accepted standard deviation of the places of the axes and the camera [m].
     pub most_place_sigma: f64,
-    /// Into how many parts the settings are divided, each in turn predicted from the others; 0 for none [–].
+    /// Number of parts for cross-validation: each part of the settings is predicted from the others; 0 for none [–].
     pub holdout_parts: usize,
-    /// Of what is drawn at random.
+    /// Seed of the random draws.
     pub seed: u64,
 }
 
@@ -98,15 +97,15 @@ impl HeadOptions {
             ("most_place_sigma", self.most_place_sigma),
         ];
         let bad = |it: &&(&'static str, f64)| !(it.1.is_finite() && it.1 > 0.0);
-        if let Some(&(rule, found)) = named.iter().find(bad) {
-            return Err(HeadCalibrationError::BadRule { rule, found, expected: positive });
+        if let Some(&(option, found)) = named.iter().find(bad) {
+            return Err(HeadCalibrationError::BadOption { option, found, expected: positive });
         }
         if let Some(found) = self.loss.bad_scale() {
-            return Err(HeadCalibrationError::BadRule { rule: "the scale of the loss", found, expected: positive });
+            return Err(HeadCalibrationError::BadOption { option: "scale of the loss", found, expected: positive });
         }
         if !(self.setting_sigma.is_finite() && self.setting_sigma >= 0.0) {
-            let (rule, found) = ("setting_sigma", self.setting_sigma);
-            return Err(HeadCalibrationError::BadRule { rule, found, expected: "a finite number of 0 or more" });
+            let (option, found) = ("setting_sigma", self.setting_sigma);
+            return Err(HeadCalibrationError::BadOption { option, found, expected: "a finite number of 0 or more" });
         }
         for units in self.units {
             let (rad_per_unit, at_rest) = match units {
@@ -115,11 +114,11 @@ impl HeadOptions {
             };
             if !rad_per_unit.is_finite() || rad_per_unit == 0.0 {
                 let expected = "a finite number other than 0";
-                return Err(HeadCalibrationError::BadRule { rule: "rad_per_unit", found: rad_per_unit, expected });
+                return Err(HeadCalibrationError::BadOption { option: "rad_per_unit", found: rad_per_unit, expected });
             }
             if !at_rest.is_finite() {
-                return Err(HeadCalibrationError::BadRule {
-                    rule: "at_rest",
+                return Err(HeadCalibrationError::BadOption {
+                    option: "at_rest",
                     found: at_rest,
                     expected: "a finite number",
                 });

@@ -1,4 +1,4 @@
-//! The answer: least squares on the right observations, how well they hold it, and how well it predicts settings it has not seen.
+//! The result of head calibration: inliers, covariance and cross-validation.
 
 use foveate_estimation::{Loss, statistics};
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix4, Matrix6, Point3, SMatrix, Vector2};
@@ -8,75 +8,76 @@ use super::{GATE, HeadCalibrationError, LEAST_OBSERVATIONS, PARALLEL, Prepared};
 use crate::camera::Camera;
 use crate::pan_tilt::head::{AxisUnits, PanTiltHead};
 
-/// What a calibration found.
+/// A calibrated head with residuals and covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadCalibration {
-    /// The head, with the limits of the rules, and its camera, with the focal lengths that were found if they were.
+    /// The head, with the limits of the options, and its camera, with the focal lengths found if they were free.
     pub head: PanTiltHead,
-    /// What the device's numbers of pan and tilt mean.
+    /// Units of the device's pan and tilt.
     pub units: [AxisUnits; 2],
-    /// How well all that is known.
+    /// Covariance of the head.
     pub covariance: HeadCovariance,
-    /// Standard deviation of the focal lengths, relative to them; 0 where they were given [–].
+    /// Relative standard deviation of the focal lengths; 0 where they were given [–].
     pub focal_sigma: f64,
-    /// By observation: seen − measured, with the corrections of settings if there are any; `None` where the camera does not see the target [px].
+    /// By observation: residual seen − measured, with corrections of settings if there are any; `None` where the camera does not see the target [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
-    /// By observation: whether it is a right one and counts.
+    /// By observation: whether it is an inlier.
     pub right: Vec<bool>,
-    /// Root of the mean squared length of the right residuals [px].
+    /// Root mean square length of the inliers' residuals [px].
     pub rms_px: f64,
     /// Median length of all residuals [px].
     pub median_px: f64,
-    /// By how much right errors exceed their standard deviations; near 1 when these are as stated [–].
+    /// Ratio of the inliers' errors to their standard deviations; near 1 when these are right [–].
     pub noise_factor: f64,
-    /// Errors at settings that were left out; `None` when the rules ask for none or there are too few settings.
+    /// Cross-validation; `None` when it is not requested or there are too few settings.
     pub holdout: Option<Holdout>,
-    /// Over which pan and tilt were moved, by the right observations [rad].
+    /// Ranges of pan and tilt over the inliers [rad].
     pub ranges: [f64; 2],
-    /// Whether the search came to a minimum.
+    /// Whether the search converged.
     pub converged: bool,
 }
 
-/// Errors of right observations, predicted from the settings of the other parts.
+/// Cross-validation errors of inliers, predicted from the settings of the other parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Holdout {
-    /// Different settings.
+    /// Number of different settings.
     pub settings: usize,
-    /// Into how many parts they were divided.
+    /// Number of parts that they were divided into.
     pub parts: usize,
-    /// How many observations were predicted.
+    /// Number of predicted observations.
     pub observations: usize,
     /// Median length of their errors [px].
     pub median_px: f64,
-    /// Root of the mean squared length [px].
+    /// Root mean square length of their errors [px].
     pub rms_px: f64,
 }
 
 /// Standard deviations of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisSigma {
-    /// Of its direction, where that is worst [rad].
+    /// Largest standard deviation of its direction [rad].
     pub direction: f64,
-    /// Of its place across it, at the point next to the lens, where that is worst [m].
+    /// Largest standard deviation of its position across it, at the point next to the lens [m].
     pub place: f64,
 }
 
-/// How well a head is known; 0 for what was held.
+/// Covariance of a head; 0 for held parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeadCovariance {
-    /// In the order: pose of the camera at rest (6: update and order of `docs/notation.md`), pan axis and tilt axis (4 each: the step of
-    /// [`super::super::Axis::moved`] at the point next to the lens), logarithms of the angle of a unit of pan and tilt (2). Standard deviations
-    /// that are smaller than the errors are widened by [`HeadCalibration::noise_factor`].
+    /// Order: pose of the camera at rest (6: update and order of `docs/notation.md`), pan axis and tilt axis (4 each:
+    /// the step of [`super::super::Axis::moved`] at the point next to the lens), logarithms of the angle of a unit of
+    /// pan and tilt (2). Standard deviations that are smaller than the errors are widened by
+    /// [`HeadCalibration::noise_factor`].
     pub whole: SMatrix<f64, SHARED, SHARED>,
 }
 
 impl HeadCovariance {
-    /// Of the pose of the camera at rest, by `docs/notation.md`.
+    /// Covariance of the pose of the camera at rest, by `docs/notation.md`.
     pub fn pose(&self) -> Matrix6<f64> {
         self.whole.fixed_view::<6, 6>(0, 0).into_owned()
     }
 
-    /// Of the centre of projection at rest in the world [m²].
+    /// Covariance of the centre of projection at rest in the world [m²].
     pub fn centre(&self, head: &PanTiltHead) -> Matrix3<f64> {
         let centre = head.at_rest.centre().coords;
         let mut by_pose = SMatrix::<f64, 3, 6>::zeros();
@@ -85,25 +86,25 @@ impl HeadCovariance {
         by_pose * self.pose() * by_pose.transpose()
     }
 
-    /// Of the pan axis.
+    /// Standard deviations of the pan axis.
     pub fn pan(&self) -> AxisSigma {
         axis_sigma(&self.whole.fixed_view::<4, 4>(6, 6).into_owned())
     }
 
-    /// Of the tilt axis.
+    /// Standard deviations of the tilt axis.
     pub fn tilt(&self) -> AxisSigma {
         axis_sigma(&self.whole.fixed_view::<4, 4>(10, 10).into_owned())
     }
 
-    /// Of the angle of a unit of pan and tilt, relative to it [–].
+    /// Relative standard deviations of the angle of a unit of pan and tilt [–].
     pub fn units(&self) -> [f64; 2] {
         [14, 15].map(|it| self.whole[(it, it)].max(0.0).sqrt())
     }
 }
 
 impl HeadCalibration {
-    /// Where the head sees a target at the device's numbers `pan` and `tilt`, and how far that is off by the uncertainty of the calibration alone [px²].
-    /// `None` where the camera does not see it.
+    /// The predicted pixel of a target at the device's numbers `pan` and `tilt`, with its covariance from the
+    /// calibration alone [px²]. `None` where the camera does not see the target.
     pub fn predict(
         &self,
         pan: f64,

@@ -17,7 +17,7 @@ fn too_little_range_is_refused() {
         settings().iter().map(|it| Setting::new(it.pan * pan, it.tilt * tilt)).collect()
     };
     let fault = refused(&observe(&truth, &still(0.08, 1.0), [AxisUnits::RADIANS; 2], &SCENE), &options);
-    assert_eq!(fault.to_string(), "pan was moved over 8.00° only, expected 10.0° or more");
+    assert_eq!(fault.to_string(), "pan was moved over 8.00°, expected 10.0° or more");
     let units = [AxisUnits::RADIANS; 2];
     let unknown = HeadOptions { units: [UnitsRule::Unknown { at_rest: 0.0 }; 2], ..HeadOptions::default() };
     for options in [&options, &unknown] {

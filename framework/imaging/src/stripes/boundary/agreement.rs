@@ -1,7 +1,7 @@
 //! What known tracks say of a picture: which of the four it is, or that it is none of them.
 //!
 //! A boundary that is known looks as its code says in the picture that is shown. Of neighbouring pictures of the code it looks otherwise, but for boundaries that look alike in both: of a wrong one two in five
-//! fit all the same, and of a right one not all do where things move fast. So what is asked is not how many fit, but how many more fit one picture than any other: where tracks lie on the wrong edges, as after a cut or a jump, all
+//! fit all the same, and of a right one not all do where things move fast. So the test is not how many fit, but how many more fit one picture than any other: where tracks lie on the wrong edges, as after a cut or a jump, all
 //! four fit about alike.
 
 use super::design::{BoundaryCode, FRAMES};
@@ -10,7 +10,7 @@ use super::track::{Tracker, look_of};
 
 /// Known tracks from which on they say which picture is shown.
 const LEAST_KNOWN: usize = 50;
-/// A picture is the one that was told if so many more of the known tracks fit it than any other, of all of them: in recordings of a renderer 0.24 and more did where tracks were right, 0.12 at most where they had been
+/// A picture is the expected one if so many more of the known tracks fit it than any other, of all of them: in recordings of a renderer 0.24 and more did where tracks were right, 0.12 at most where they had been
 /// given to wrong edges [–] …
 const CLEARER: f64 = 0.05;
 /// … and another one if so many more do [–] …
@@ -32,16 +32,16 @@ pub struct Agreement {
 /// Which picture of the code is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
-    /// The one that was told, or too few tracks are known to say otherwise.
+    /// The expected one, or too few tracks are known to say otherwise.
     AsTold,
     /// Another one.
     Instead(usize),
-    /// None that known tracks agree on: they are not where they were foretold.
+    /// Known tracks agree on no picture: they are not where they were predicted.
     Unclear,
 }
 
 impl Shows {
-    /// The picture that is shown, where `told` was told; `None` where that is unclear.
+    /// The picture that is shown, where `told` was expected; `None` where that is unclear.
     pub fn picture(self, told: usize) -> Option<usize> {
         match self {
             Shows::AsTold => Some(told % FRAMES),
@@ -52,7 +52,7 @@ impl Shows {
 }
 
 impl Agreement {
-    /// Which picture is shown, where `told` was told.
+    /// Which picture is shown, where `told` was expected.
     pub fn shows(&self, told: usize) -> Shows {
         if self.n < LEAST_KNOWN {
             return Shows::AsTold;

@@ -1,4 +1,4 @@
-//! How far all of a picture has moved beyond what was foretold: what errors of a head's pose have in common.
+//! Common offset of a whole picture from its prediction, as errors of a pan-tilt head's pose cause.
 //!
 //! Tracks whose boundary is known vote. Where one shows as rising or falling, each edge of that kind near it says how far it may have moved, and each edge of the other kind how far it has not; a
 //! ghost says where no edge should be. True differences pile up in one place of the histogram, accidental ones cancel: neighbours of a boundary look different from it. The middle of the votes
@@ -8,7 +8,7 @@ use super::design::{BoundaryCode, Look};
 use super::detect::Edge;
 use super::track::Track;
 
-/// How far all of a picture may have moved beyond what was foretold, in stripes …
+/// How far all of a picture may have moved beyond its prediction, in stripes …
 const REACH: f32 = 1.5;
 /// … and where tracks are not proven: a picture that went to the neighbouring boundaries before anything was known gives numbers that ask for a shift by a stripe in that picture ever after.
 const UNPROVEN_REACH: f32 = 0.5;
@@ -21,7 +21,7 @@ const MOST: f32 = 0.35;
 /// No other place may have more than this part of the votes of the highest.
 const SECOND: f32 = 0.6;
 
-/// By how much tracks that stand where they are foretold are off in a picture that shows picture `frame` of the code, in columns [px].
+/// By how much tracks at their predicted places are off in a picture that shows picture `frame` of the code, in columns [px].
 ///
 /// `None` with too few known tracks, or where they do not agree.
 pub(super) fn common_shift<'a>(
@@ -85,7 +85,7 @@ mod tests {
         detect(&view, &DetectOptions::default()).unwrap()
     }
 
-    /// A tracker that knows a scene at rest, foretold for picture [`NEXT`] by `off` too much.
+    /// A tracker that knows a scene at rest, predicted for picture [`NEXT`] by `off` too much.
     fn tracker(scene: &Scene, off: f32) -> Tracker {
         let mut tracker = Tracker::new(scene.size[1], TrackOptions::default()).unwrap();
         for picture in 0..NEXT {

@@ -1,11 +1,11 @@
-//! Which boundaries hold when they are held against their neighbours, and where they were in the picture before the newest.
+//! Boundaries that their neighbours confirm, and their places in the picture before the newest.
 //!
-//! What a boundary is says its own track alone. Its neighbours tell whether that is so: on the same surface the next boundary in the row has the next number, and the rows above and below have
+//! The number of a boundary comes from its own track alone. Its neighbours confirm it: on the same surface the next boundary in the row has the next number, and the rows above and below have
 //! the same boundary nearly at the same place. A boundary that too few neighbours confirm is left out.
 //!
 //! The end of the light, as at the border of a shadow, looks like a boundary, too, but on one side of it there is no light in any picture. A boundary that is the last one, and beyond which no light was seen in four pictures, may be that ([`Line::may_be_end`]).
 //!
-//! A ghost's place is between those of the pictures before and after, less what was foretold: so it is one picture late, and so are all.
+//! A ghost's place is between those of the pictures before and after, less the prediction: so it is one picture late, and so are all.
 
 use super::design::BoundaryCode;
 use super::track::{Track, Tracker};
@@ -84,7 +84,7 @@ pub fn lines(tracker: &Tracker) -> Vec<Vec<Line>> {
     found
 }
 
-/// Boundaries of the picture before the newest that their own tracks know, before they are held against their neighbours.
+/// Boundaries of the picture before the newest that their own tracks know, before they are compared with their neighbours.
 pub(super) fn known(tracker: &Tracker) -> usize {
     tracker.rows().iter().flatten().filter(|it| line(it).is_some()).count()
 }
@@ -254,7 +254,7 @@ mod tests {
         run_foretold(scene, n, shows, has, |_| 0.0)
     }
 
-    /// `foretold` says by how much all of picture `k` is foretold falsely [px].
+    /// `foretold` is the error of the prediction of picture `k` [px].
     fn run_foretold(
         scene: &Scene,
         n: usize,

@@ -1,7 +1,7 @@
 //! Which stripe is lit in which of four pictures.
 //!
 //! A stripe is a node of a graph, numbered by the pictures in which it is lit; a boundary is an arrow from the stripe on its left to the one on its right. A row of stripes is a
-//! way through the graph, and no arrow is taken twice: four pictures then tell all boundaries apart.
+//! path through the graph, and no arrow is taken twice: four pictures then distinguish all boundaries.
 //!
 //! 1. An arrow is one of those whose boundary shows at least in every other picture, also from the fourth to the first: 112 of them.
 //! 2. Stripes that are always lit or never are left out, which leaves 86 (the paper keeps them and has 110). What is bright or dark of itself then looks like no boundary of the
@@ -10,9 +10,9 @@
 //!    gap between boundaries that show is wider than two stripes.
 //! 4. A projector that is a picture ahead or behind, or shows the pictures backwards, makes other arrows of all arrows. No three in a row become three in a row of the code, so that this cannot be
 //!    taken for stripes elsewhere.
-//! 5. The way is closed: a projector with more stripes repeats it.
+//! 5. The path is closed: a projector with more stripes repeats it.
 //!
-//! Such a way is searched for depth first, the arrow with the fewest ways on first; what is equal is drawn, and begun anew after a while. The draws are always the same, and so is the code.
+//! Such a path is searched for depth first, the arrow with the fewest continuations first; ties are drawn at random with a fixed seed, and the search restarts after a while. So the code is always the same.
 
 use std::sync::OnceLock;
 
@@ -21,7 +21,7 @@ pub const FRAMES: usize = 4;
 
 /// Stripes that are neither always lit nor never.
 const STRIPES: std::ops::Range<u8> = 1..15;
-/// Steps of a search until it is begun anew.
+/// Steps of a search until it restarts.
 const STEPS: usize = 3_000;
 /// The first seed of a search that comes to an end; those before it cost a second.
 const FIRST_SEED: u64 = 282;

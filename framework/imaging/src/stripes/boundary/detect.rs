@@ -20,7 +20,7 @@ pub struct DetectOptions {
     pub min_contrast: f32,
     /// What the camera shows of no light [gray levels].
     pub black: f32,
-    /// Where the bright side has this or more the edge is left out: it is saturated and nobody knows where the edge is [gray levels].
+    /// An edge whose bright side has this level or more is left out: it is saturated and its place unknown [gray levels].
     pub saturated: u8,
     /// Of the camera's gray levels, standard deviation [gray levels].
     pub noise: f32,
@@ -57,7 +57,7 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// How many there are.
+    /// Number of edges.
     pub fn len(&self) -> usize {
         self.rows.iter().map(Vec::len).sum()
     }

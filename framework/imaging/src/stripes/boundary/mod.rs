@@ -6,12 +6,12 @@
 //! | [`detect`] | edges of light along the rows of one picture |
 //! | `wide` | edges of wide stripes and of faint ones |
 //! | [`track`] | edges tracked from picture to picture, until four pictures say which boundary each is |
-//! | [`agreement`] | which of the four pictures known tracks say it is |
+//! | [`agreement`] | which of the four pictures is shown, by known tracks |
 //! | `adopt` | new tracks get their numbers from known ones around them |
 //! | `sliding` | how a surface goes through the stripes, and where boundaries on it are next |
-//! | `common` | what errors of a head's pose move all tracks by |
-//! | [`turn`] | which of the four pictures is shown, where nobody says it |
-//! | [`decode`] | what holds when boundaries are held against their neighbours, and where they were |
+//! | `common` | the common offset of all tracks, as errors of a head's pose cause |
+//! | [`turn`] | which of the four pictures is shown, where it is not stated |
+//! | [`decode`] | boundaries that their neighbours confirm, and their places |
 //!
 //! A boundary is known by what is lit to its left and to its right in each of the four pictures. Where both sides are alike it does not show (a *ghost*), never twice in a row.
 //! Rows of the camera's picture have to cross the stripes.

@@ -1,4 +1,4 @@
-//! How a surface goes through the stripes, from boundaries that are known: what foretells where they are next.
+//! How a surface moves through the stripes, from known boundaries: predicts where they are next.
 //!
 //! In a row of the picture a boundary of number ν stands at X(ν). A surface that moves without turning moves all of that by `pixels`, and as it goes through the light, by `stripes`: the place that boundary
 //! ν − stripes lit is lit by boundary ν a picture later, X′(ν) = X(ν − stripes) + pixels. Two numbers for all of the surface, found from where thousands of boundaries were and are; what lies flat to its own
@@ -13,7 +13,7 @@ use super::track::Track;
 pub(super) struct Sliding {
     /// Through the light, towards higher numbers where positive [stripes].
     pub stripes: f32,
-    /// In the camera's picture, less what the caller foretold [px].
+    /// In the camera's picture, less the caller's prediction [px].
     pub pixels: f32,
 }
 
@@ -129,7 +129,7 @@ struct Gone<'a> {
     profile: &'a [(f32, f32)],
     near: usize,
     place: f32,
-    /// Beyond what the caller foretold [px].
+    /// Beyond the caller's prediction [px].
     by: f32,
 }
 
@@ -195,7 +195,7 @@ impl Sliding {
         Some(ahead? - 2.0 * column(profile, near, place)? + behind?)
     }
 
-    /// Where the boundary at a place of a profile is next, less what the caller foretells; `None` where its neighbours do not say [px].
+    /// Where the boundary at a place of a profile is next, less the caller's prediction; `None` where its neighbours do not say [px].
     pub fn column(&self, profile: &[(f32, f32)], place: f32) -> Option<f32> {
         let at = place - self.stripes;
         let near = profile.partition_point(|it| it.0 < at);

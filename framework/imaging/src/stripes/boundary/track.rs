@@ -1,6 +1,6 @@
 //! Edges tracked from picture to picture, row by row, until four pictures say which boundary each is.
 //!
-//! 1. Where a track should be now says its last column, what the caller foretells, and its own velocity on top of that.
+//! 1. A track is predicted from its last column, the caller's prediction, and its own velocity on top of that.
 //! 2. Tracks and edges of a row stand in the same order, so they are matched in order: the matching of least cost is found by dynamic programming (`in_order`). A track may be a ghost where
 //!    its code says that it does not show, or may not.
 //! 3. A track keeps the set of boundaries that it may be. What is seen of it, rising or falling, or dark or lit on both sides where it is a ghost, takes away those that look
@@ -11,7 +11,7 @@
 //! 6. A surface that goes through the stripes makes boundaries faster and slower; known tracks say how, before the next picture (`sliding`).
 //! 7. What errors of a head's pose move in common is taken off before tracks are matched ([`Tracker::align`]).
 //!
-//! The picture that the projector shows may be another one than it was told: tracks that are known tell which ([`Agreement`](super::Agreement)).
+//! The projector may show another picture than the requested one: known tracks identify it ([`Agreement`](super::Agreement)).
 
 mod in_order;
 
@@ -30,7 +30,7 @@ use crate::ImagingError;
 pub struct TrackOptions {
     /// From one stripe to the next in the camera's picture, on what faces it, about [px].
     pub pitch: f32,
-    /// How far a new track may be from where it is foretold, in stripes as wide as known ones beside it are [–].
+    /// How far a new track may be from its predicted place, in widths of known stripes beside it [–].
     pub new_reach: f32,
     /// The same for one that was seen twice: what moves does so evenly [–].
     pub known_reach: f32,
@@ -47,13 +47,13 @@ impl Default for TrackOptions {
 /// Where a track was in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// Column; that of a ghost as it is foretold [px].
+    /// Column; that of a ghost as predicted [px].
     pub x: f32,
     /// Standard deviation of a column that was measured [px].
     pub sigma: f32,
-    /// Whether it was seen rather than foretold.
+    /// Whether it was seen rather than predicted.
     pub is_seen: bool,
-    /// How far it was foretold to go from the picture before, by the caller [px].
+    /// How far the caller predicted it to move from the picture before [px].
     pub shift: f32,
 }
 
@@ -66,7 +66,7 @@ pub struct Track {
     pub before: Option<Place>,
     /// In the one before that.
     pub earlier: Option<Place>,
-    /// On top of what the caller foretells [px a picture].
+    /// On top of the caller's prediction [px a picture].
     velocity: f32,
     /// Boundaries that it may be, as bits.
     possible: u128,
@@ -151,7 +151,7 @@ pub struct Tracker {
     sliding: Sliding,
 }
 
-/// What the caller foretells: how far what is at (x, y) moves from the picture before to this one, in columns and rows [px].
+/// The caller's prediction: how far the point at (x, y) moves from the picture before to this one, in columns and rows [px].
 pub type Shift<'a> = &'a (dyn Fn(f32, f32) -> [f32; 2] + Sync);
 
 /// Numbers are given outwards from what is known so many boundaries a picture: a surface may go on by two.
@@ -211,7 +211,7 @@ impl Tracker {
         self.lively() >= FAST
     }
 
-    /// How the surface went through the stripes up to the newest picture, as it was found when the next one was foretold.
+    /// How the surface went through the stripes up to the newest picture, as it was found when the next one was predicted.
     #[cfg(test)]
     pub(super) fn sliding(&self) -> Sliding {
         self.sliding
@@ -223,7 +223,7 @@ impl Tracker {
         self.sliding = Sliding::default();
     }
 
-    /// Foretells where all tracks are in the next picture, `pictures` after the last one, 1 unless some are missing.
+    /// Predicts where all tracks are in the next picture, `pictures` after the last one, 1 unless some are missing.
     pub fn predict(&mut self, pictures: u32, shift: Shift<'_>) {
         let height = self.rows.len();
         self.slide(pictures);

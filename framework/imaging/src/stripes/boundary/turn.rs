@@ -1,8 +1,8 @@
-//! Which of the four pictures is shown, where nobody says it or what is said has to be borne out.
+//! Which of the four pictures is shown, where it is not stated or has to be verified.
 //!
 //! A picture taken for another one than it is makes other boundaries of all boundaries, and no three side by side stay side by side ([`design`](super::design), 4). So edges are tracked four times, the projector
 //! taken to be none to three pictures ahead of what is said: where it is, boundaries that four pictures make known follow one another in the row and lie above one another from row to row; where it is
-//! not, most are contradicted by their neighbours. What is counted are boundaries that hold when they are held against their neighbours ([`lines`]), in the last few pictures.
+//! not, most are contradicted by their neighbours. Boundaries that their neighbours confirm ([`lines`]) are counted over the last few pictures.
 
 use super::decode::{Line, known, lines};
 use super::design::FRAMES;
@@ -79,7 +79,7 @@ impl Turns {
         off
     }
 
-    /// As [`Tracker::update`]; `told` is the picture that is said to be shown.
+    /// As [`Tracker::update`]; `told` is the picture that should be shown.
     pub fn update(&mut self, edges: &Edges, told: usize) {
         for (ahead, (tracker, held)) in self.trackers.iter_mut().zip(&mut self.held).enumerate() {
             tracker.update(edges, (told + ahead) % FRAMES);

@@ -1,8 +1,8 @@
-//! A bit of which neither picture is there, told by the finer and the coarser ones and by the way in which columns and rows run.
+//! Reconstructs a bit whose two pictures are both missing from the finer and coarser bits and from image orientation.
 //!
 //! Without one of its bits a Gray code folds: within a stripe of the next coarser bit, columns count up from one side and down again to the other, and the bit says on which slope a pixel lies. A camera sees the lit side of a
-//! surface, on which columns and rows run round the same way as in the projector's picture: where the determinant of their slopes is negative, a pixel lies on the slope that counts down. Pixels near the fold, where
-//! slopes are not seen, and where neighbours contradict each other are left open.
+//! surface, on which columns and rows have the same orientation as in the projector's picture: where the determinant of their slopes is negative, a pixel lies on the slope that counts down. Pixels near the fold, where
+//! slopes are not seen, and where neighbours contradict each other are left undecided.
 
 use super::super::code::{Axis, Inverse, Shown, StripeCode};
 use super::super::faults::SetFault;
@@ -18,7 +18,7 @@ const AGREE: f64 = 0.6;
 const TELLING: f64 = 0.3;
 /// White − black that tells anything [gray levels].
 const LEAST: i32 = 8;
-/// Where the two slopes are told apart in less than this part of what is lit, the bit is not told [–].
+/// The bit is left undecided where the two slopes can be distinguished in less than this part of the lit pixels [–].
 const TOLD: f64 = 0.5;
 /// Where a stripe of a coarser bit ends, columns go on in this part of the places, where slopes are told right [–]; and places that say it.
 const GOES_ON: f64 = 0.8;
@@ -41,7 +41,7 @@ pub(super) fn lone_gap(code: &StripeCode, found: &Examination, axis: Axis) -> Op
     gaps.next().is_none().then_some(gap)
 }
 
-/// The two pictures of bit `gap` of an axis, as white and black of the set would have them; both are alike where nothing is told. `None` where it is not told at all.
+/// The two pictures of bit `gap` of an axis, as white and black of the set would have them; both are alike where the bit is undecided. `None` where it is undecided everywhere.
 pub(super) fn unfolded(
     code: &StripeCode,
     found: &Examination,

@@ -1,7 +1,7 @@
-//! Sets that are not as they are stated: which pictures lack, or which settings a whole set was made with.
+//! Sets that differ from what is stated: which pictures are missing, or with which settings a complete set was made.
 //!
-//! Every arrangement that may be is tried, and taken where all that a Gray code promises holds in it. What pairs of pictures are to each other sorts most of them out before
-//! their pixels are held against the rules.
+//! Every possible arrangement is tried and accepted if all rules of a Gray code hold in it. How pairs of pictures relate to each other rules most of them out before
+//! their pixels are compared with the rules.
 
 use super::super::code::{Axis, Group, Inverse, Shown, StripeCode};
 use super::super::explain::{Explained, permutations};
@@ -12,7 +12,7 @@ use super::BROKEN;
 use super::rules::Set;
 use crate::ImageView;
 
-/// Pixels in which pictures are held against each other.
+/// Pixels in which pictures are compared with each other.
 const FEW: usize = 4000;
 /// Two pictures of one bit are each other's inverse but for this part of the pixels [–].
 const SAME: f64 = 0.12;

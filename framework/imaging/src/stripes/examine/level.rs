@@ -1,4 +1,4 @@
-//! Pictures in one light, before it is known which picture shows what.
+//! Brings all pictures to one light before it is known which picture shows what.
 //!
 //! Wherever a picture stands in its set and whatever stripes it shows, a pixel is lit in it or dark. With the middle m and half of the difference h of these two, a picture under a light of the room that is a times L brighter
 //! has the level m ± k h + a L there: k is below 1 where fine stripes are blurred, which takes as much from what is lit as it adds to what is dark. Lights follow for each picture from all of its pixels, m, h and L for each

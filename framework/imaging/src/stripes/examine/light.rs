@@ -1,4 +1,4 @@
-//! Light of the room that is not the same in all pictures of a set, and the set without it.
+//! Ambient light that differs between the pictures of a set, and the set without it.
 
 use super::super::code::{Axis, Inverse, Shown, StripeCode};
 use super::super::faults::SetFault;
@@ -43,7 +43,7 @@ const AS_BRIGHT: f64 = 1.6;
 const CERTAIN: f64 = 0.85;
 /// … and in some direction where it is this part.
 const SEEN: f64 = 0.3;
-/// Stripes and light are told apart where they are less alike than this, as 1 less the square of their correlation [–].
+/// Stripes and light are distinguished where they are less alike than this, as 1 less the square of their correlation [–].
 const TOLD_APART: f64 = 0.2;
 /// Pictures of which both tell it, at least.
 const MIN_TOLD: usize = 4;
@@ -353,9 +353,9 @@ mod tests {
         let switched = |from: usize, by: u8| {
             move |it: &mut Vec<Vec<u8>>| it[from..].iter_mut().flatten().for_each(|it| *it = it.saturating_add(by))
         };
-        let on = "a light was switched on, or the exposure changed: all is 25 gray levels brighter, expected one light";
-        check(switched(16, 25), &[on], &Axis::BOTH);
-        check(switched(6, 25), &[on], &Axis::BOTH);
+        let on = |it: &SetFault| matches!(it, SetFault::Relit { by, .. } | SetFault::Moved { light: Some(by), .. } if (by - 25.0).abs() < 0.5);
+        check(switched(16, 25), &[&on], &Axis::BOTH);
+        check(switched(6, 25), &[&on], &Axis::BOTH);
         for seed in 4..=5 {
             let (plain, mut changed) = (wall_set(seed), wall_set(seed));
             switched(10, 40)(&mut changed);
@@ -371,7 +371,7 @@ mod tests {
             assert!(all.iter().all(|it| (it - all[31]).abs() < 1.0), "seed {seed}: {all:?}");
         }
         let moved = |it: &mut Vec<Vec<u8>>| it[16..].iter_mut().for_each(|it| it.rotate_right(5));
-        check(moved, &["something moved"], &[Axis::Columns]);
+        check(moved, &[&|it| matches!(it, SetFault::Moved { light: None, .. })], &[Axis::Columns]);
     }
 
     /// The wall's pictures with so many times the room's light of each, which is 14 gray levels times the surface's albedo.

@@ -1,4 +1,4 @@
-//! Which pixels of a set are looked at, how bright and dark they are, and what is said where none is lit.
+//! Which pixels of a set are examined, how bright and dark they are, and the fault where none is lit.
 
 use super::super::code::{Axis, Inverse, StripeCode};
 use super::super::faults::SetFault;

@@ -1,11 +1,11 @@
-//! What the rules of a Gray code leave open of pictures that lack, told by how stripes lie in the picture.
+//! Missing pictures that the rules of a Gray code cannot identify, inferred from how stripes lie in the picture.
 //!
-//! 1. *Which of the two of the coarsest bit is there.* Taken for the other one, all stripes count from the other end. Where that makes columns which the projector does not have, it is the one. Where it does not, the
-//!    other axis tells it: a camera sees the lit side of a surface, on which columns and rows run round the same way as in the projector's picture, so that the determinant of their slopes is positive.
-//! 2. *Whether both of the finest or both of another bit lack.* Without its finest bit a code is one of stripes twice as wide, and all else holds. Without another one its stripes are half as wide as they are taken for, or
-//!    fold back. The other axis tells that too: of stripes that are as wide in the projector, columns and rows are about as wide in the picture.
+//! 1. *Polarity of the coarsest bit when one of its pictures is missing.* With the wrong polarity all stripes count from the other end. If that gives columns outside the projector, the polarity is known. If not, the
+//!    other axis resolves it: a camera sees the lit side of a surface, on which columns and rows have the same orientation as in the projector's picture, so the determinant of their slopes is positive.
+//! 2. *Whether both pictures of the finest bit or of another bit are missing.* Without its finest bit a code has stripes twice as wide, and everything else holds. Without another bit its stripes are half as wide as assumed, or
+//!    fold back. The other axis resolves that too: stripes of equal width in the projector have about equal width in the picture.
 //!
-//! Columns and rows are held against a plane each, block by block of the picture: where they are no planes, or blocks do not agree, nothing is said.
+//! Columns and rows are compared with a plane each, block by block of the picture: where they are not planar, or blocks disagree, the question stays open.
 
 use nalgebra::{Matrix2, Vector2};
 

@@ -1,4 +1,4 @@
-//! A set as it is to be decoded: what lacks is worked out where the rest tells it.
+//! A set as it is to be decoded: missing pictures are reconstructed where the rest determines them.
 
 use std::borrow::Cow;
 
@@ -14,14 +14,14 @@ const MOST_LEFT_OUT: u32 = 2;
 /// Where so many bits and more of an axis are dark, that says something.
 const LEAST_DARK_BITS: usize = 4;
 
-/// A set as it is to be decoded.
+/// A set of pictures ready to be decoded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared<'a> {
-    /// Without the axes that are left out, and without white or black where these are not there.
+    /// The code without the axes that are left out, and without missing white or black pictures.
     pub code: StripeCode,
     /// By place in `code`.
     pub pictures: Vec<Cow<'a, [u8]>>,
-    /// Which of them were worked out: the other of their bit taken from white and black together.
+    /// Which of them were reconstructed, such as from white + black less the other picture of the bit.
     pub worked_out: Vec<Shown>,
 }
 
@@ -40,7 +40,7 @@ impl Examination {
         [Shown::White, Shown::Black].iter().all(|it| self.picture(code, *it).is_some())
     }
 
-    /// What an axis lacks to be decoded: pictures that are not there and cannot be worked out from others.
+    /// Pictures that an axis needs to be decoded, and that are missing and cannot be reconstructed.
     pub fn lacking(&self, code: &StripeCode, axis: Axis) -> Vec<Shown> {
         let has_both = self.has_white_and_black(code);
         let is_there = |what: Shown| self.picture(code, what).is_some() || self.unfolded.iter().any(|it| it.0 == what);

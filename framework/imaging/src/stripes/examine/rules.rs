@@ -1,4 +1,4 @@
-//! What a Gray code promises of the pictures of a set, held against them.
+//! Compares the pictures of a set with the rules of a Gray code.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Sets without inverse pictures whose scene moved: what is bright in a picture of stripes looks like white.
+//! Detects motion in sets without inverse pictures: lit pixels of a picture of stripes are compared with white.
 //!
 //! Without inverse pictures nothing adds up to white and black. But within a stripe that is lit a picture has the colours of the surface, and their slopes are those of the white picture as long as nothing moves: the
 //! correlation of both, over pixels where white has one, is near 1. Where it is lost, the picture was taken of another scene than white. A light of the room, or another exposure, leaves it as it is. A surface of one colour has no

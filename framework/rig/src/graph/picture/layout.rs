@@ -1,4 +1,4 @@
-//! Where everything goes: columns by the order of the data, one lane a scale, ways for the edges between the boxes.
+//! Layout: columns in the order of the data, one lane per scale, routes for the edges between the boxes.
 //!
 //! All numbers are px of the drawing.
 
@@ -16,7 +16,7 @@ pub(super) const BOX_HEIGHT: f64 = 46.0;
 const ROW_GAP: f64 = 22.0;
 /// Room between columns, for the edges.
 const COLUMN_GAP: f64 = 96.0;
-/// Height of the way of an edge past a column.
+/// Height of the route of an edge past a column.
 const WAY_HEIGHT: f64 = 4.0;
 /// Room for a scale's name.
 const HEADER: f64 = 40.0;
@@ -27,7 +27,7 @@ const CHANNEL: f64 = 18.0;
 /// Bends that are drawn: a graph with more has its long edges drawn straight.
 const MOST_BENDS: usize = 20_000;
 
-/// The way of a link.
+/// The route of a link.
 #[derive(Debug, Clone)]
 pub(super) enum Way {
     /// From left to right through these points.
@@ -136,7 +136,7 @@ struct Lane {
     slots: Vec<Slot>,
     /// Nodes and their slots.
     nodes: Vec<(usize, usize)>,
-    /// By link: the slots of its way past other columns.
+    /// By link: the slots of its route past other columns.
     bends: BTreeMap<usize, Vec<usize>>,
     height: f64,
     n_backward: usize,

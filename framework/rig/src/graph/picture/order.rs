@@ -3,7 +3,7 @@
 /// Sweeps over the columns; more than a few change nothing.
 const SWEEPS: usize = 12;
 
-/// Something that takes up room in a column: a box, or the way of an edge past one.
+/// Something that takes up room in a column: a box, or the route of an edge past one.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Slot {
     pub column: usize,
@@ -12,12 +12,12 @@ pub(super) struct Slot {
     pub y: f64,
 }
 
-/// Two slots of neighbouring columns that had better stand level.
+/// Two slots of neighbouring columns that should be at the same height.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Join {
     pub from: usize,
     pub to: usize,
-    /// How much it matters.
+    /// Its weight.
     pub weight: f64,
 }
 
@@ -88,7 +88,7 @@ fn stack(slots: &mut [Slot], column: &[usize], gap: f64) {
     }
 }
 
-/// As near to the wishes as order and gap allow, in the least-squares sense: pool adjacent violators.
+/// The positions nearest to the desired ones that keep order and gap, in the least-squares sense: pool adjacent violators.
 fn settle(slots: &mut [Slot], column: &[usize], wishes: &[f64], gap: f64) {
     // Where each would stand if all above it touched it, from the first one.
     let mut offsets = Vec::with_capacity(column.len());

@@ -99,7 +99,7 @@ fn draw_links(svg: &mut Svg, sketch: &Sketch<'_>, layout: &Layout) {
     }
 }
 
-/// Where the line of a way begins, its steps, and where it ends; every way ends to the right.
+/// Where the line of a route begins, its steps, and where it ends; every route ends to the right.
 fn path(way: &Way) -> ([f64; 2], Vec<Step>, [f64; 2]) {
     match way {
         Way::Forward(points) => {
@@ -132,7 +132,7 @@ fn path(way: &Way) -> ([f64; 2], Vec<Step>, [f64; 2]) {
     }
 }
 
-/// The message of each output: beside it, or on the way back.
+/// The message of each output: beside it, or on the backward route.
 fn draw_messages(svg: &mut Svg, sketch: &Sketch<'_>, layout: &Layout) {
     let font = Font::new(10.5).coloured(SOFT).with_halo();
     let mut drawn = BTreeSet::new();

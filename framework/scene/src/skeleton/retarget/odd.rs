@@ -1,8 +1,8 @@
-//! What a map of joints may have wrong.
+//! Probable mistakes in a map of joints.
 
 use nalgebra::Vector3;
 
-use super::{RetargetError, RigJoint, Ups, followed, rig_of, stand, unit};
+use super::{RetargetError, RigJoint, UpAxes, followed, rig_of, stand, unit};
 use crate::skeleton::{Axis, SkeletonMotion};
 
 /// A bone lies above or below the root at rest by more than this, of the height of its skeleton [–].
@@ -61,16 +61,16 @@ fn is_below(joints: &[RigJoint], joint: usize, above: usize) -> bool {
     std::iter::successors(joints[joint].parent, |it| joints[*it].parent).any(|it| it == above)
 }
 
-/// Pairs of a map that are hardly meant: of another side, of arms and legs, or in the other order along a limb. One sentence each.
+/// Pairs of a map that are probably mistakes: of different sides, of an arm and a leg, or in the other order along a limb. One sentence each.
 ///
 /// # Errors
 /// As [`followed`].
-pub fn odd_pairs(
+pub fn suspicious_pairs(
     motion: &SkeletonMotion,
     rig: &[RigJoint],
     map: &[(String, String)],
     up: Axis,
-    ups: &Ups,
+    ups: &UpAxes,
 ) -> Result<Vec<String>, RetargetError> {
     let source = rig_of(motion);
     let names: Vec<&str> = source.iter().map(|it| it.name.as_str()).collect();

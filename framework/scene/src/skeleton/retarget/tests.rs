@@ -81,7 +81,7 @@ fn directions(motion: &SkeletonMotion, frame: usize) -> Vec<(String, Vector3<f64
 fn bones_point_as_they_did_whatever_the_rest_posture_and_the_lengths() {
     let motion = moving();
     let rig = figure(60.0, 1.4, true);
-    let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
+    let poses = retarget(&motion, &rig_of(&rig), &by_name(&rig), Axis::Y, &UpAxes::both(Axis::Y)).unwrap();
     let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
     assert_eq!((found.n_frames(), &found.joints[1..]), (5, &rig.joints[1..]));
     // Added to the offset or in place of it, the channels put the root at the same place.
@@ -117,7 +117,7 @@ fn a_bone_whose_tip_no_joint_of_the_map_follows_points_as_it_did() {
         rig.joints.push(foot);
     }
     let map: Vec<(String, String)> = by_name(&motion);
-    let poses = retarget(&motion, &rig_of(&rig), &map, Axis::Y, &Ups::both(Axis::Y)).unwrap();
+    let poses = retarget(&motion, &rig_of(&rig), &map, Axis::Y, &UpAxes::both(Axis::Y)).unwrap();
     let found = as_motion(&rig, &poses, motion.frame_s).unwrap();
     for frame in 0..5 {
         let of = directions(&found, frame);
@@ -139,7 +139,7 @@ fn feet_stay_on_the_floor_and_leave_it_in_a_jump() {
     }
     rig.joints[0].offset.y = 1.75;
     let joints = rig_of(&rig);
-    let poses = retarget(&motion, &joints, &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
+    let poses = retarget(&motion, &joints, &by_name(&rig), Axis::Y, &UpAxes::both(Axis::Y)).unwrap();
     let heights: Vec<f64> = poses.iter().map(|it| lowest(&joints, &stand(&joints, Some(it)), Axis::Y)).collect();
     let of_source: Vec<f64> =
         (0..5).map(|it| lowest(&rig_of(&motion), &motion.poses(it, 1.0).unwrap(), Axis::Y)).collect();
@@ -160,7 +160,7 @@ fn a_motion_along_another_axis_is_turned_upright_whether_its_rest_is_or_not() {
     let rig = figure(2.0, 1.0, true);
     let map = by_name(&rig);
     let joints = rig_of(&rig);
-    let expected = retarget(&motion, &joints, &map, Axis::Y, &Ups::both(Axis::Y)).unwrap();
+    let expected = retarget(&motion, &joints, &map, Axis::Y, &UpAxes::both(Axis::Y)).unwrap();
     // The skeleton turned so that z, or -x, is up, and what is above it: the root's places and its turn.
     for (turn, moving) in [
         (UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.5 * std::f64::consts::PI), Vector3::z()),
@@ -196,8 +196,8 @@ fn a_motion_along_another_axis_is_turned_upright_whether_its_rest_is_or_not() {
                     number = next + 3 - frame * n;
                 }
             }
-            let ups = ups_of(&other, &joints, &map, Axis::Y).unwrap();
-            assert_eq!(ups, Ups { rest: if rest_too { moving } else { Vector3::y() }, moving });
+            let ups = up_axes(&other, &joints, &map, Axis::Y).unwrap();
+            assert_eq!(ups, UpAxes { rest: if rest_too { moving } else { Vector3::y() }, moving });
             let found = retarget(&other, &joints, &map, Axis::Y, &ups).unwrap();
             for (found, expected) in found.iter().zip(&expected) {
                 assert!((found.root - expected.root).norm() < 1e-9, "{:?} {:?}", found.root, expected.root);
@@ -209,28 +209,28 @@ fn a_motion_along_another_axis_is_turned_upright_whether_its_rest_is_or_not() {
     // An arm by itself does not say what is up.
     let arm = [("LeftArm", "LeftArm"), ("LeftForeArm", "LeftForeArm")];
     let arm: Vec<_> = arm.iter().map(|it| (it.0.to_owned(), it.1.to_owned())).collect();
-    assert!(ups_of(&motion, &joints, &arm, Axis::Y).unwrap().are(Axis::Y));
+    assert!(up_axes(&motion, &joints, &arm, Axis::Y).unwrap().are_both(Axis::Y));
 }
 
 #[test]
 fn names_that_are_not_there_are_refused_with_those_that_are() {
     let rig = figure(1.0, 1.0, true);
     let map = vec![("Tail".to_owned(), "Hips".to_owned())];
-    let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y, &Ups::both(Axis::Y)).unwrap_err().to_string();
+    let error = retarget(&moving(), &rig_of(&rig), &map, Axis::Y, &UpAxes::both(Axis::Y)).unwrap_err().to_string();
     assert!(error.contains("`Tail`") && error.contains("LeftForeArm"), "{error}");
     let twice = [("Head", "Hips"), ("puppet:Head", "Head")].map(|it| (it.0.to_owned(), it.1.to_owned()));
     let mut named = rig.clone();
     named.joints[1].name = "puppet:Head".to_owned();
-    let error = retarget(&moving(), &rig_of(&named), &twice, Axis::Y, &Ups::both(Axis::Y)).unwrap_err();
+    let error = retarget(&moving(), &rig_of(&named), &twice, Axis::Y, &UpAxes::both(Axis::Y)).unwrap_err();
     let leaders = ["Hips", "Head"].map(str::to_owned);
     assert_eq!(error, RetargetError::TwoLeaders { name: "puppet:Head".to_owned(), leaders });
     let of_rig = rig.joints.len();
     let empty = |joints: usize, frames: usize| Err(RetargetError::Empty { joints, of_rig, frames });
-    assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y, &Ups::both(Axis::Y)), empty(0, 5));
+    assert_eq!(retarget(&moving(), &rig_of(&rig), &[], Axis::Y, &UpAxes::both(Axis::Y)), empty(0, 5));
     let still = SkeletonMotion { values: Vec::new(), ..moving() };
-    assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)), empty(of_rig, 0));
+    assert_eq!(retarget(&still, &rig_of(&rig), &by_name(&rig), Axis::Y, &UpAxes::both(Axis::Y)), empty(of_rig, 0));
     let mut one = rig.clone();
     one.joints[2].channels.pop();
-    let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y, &Ups::both(Axis::Y)).unwrap();
+    let poses = retarget(&moving(), &rig_of(&rig), &by_name(&rig), Axis::Y, &UpAxes::both(Axis::Y)).unwrap();
     assert!(matches!(as_motion(&one, &poses, 0.04), Err(RetargetError::Channels { found: 2, .. })));
 }

@@ -1,6 +1,6 @@
 //! People in clothes and the room around them as a camera sees them, in colour.
 //!
-//! What stands still is rendered once for a camera that stands still: by how much each lamp lights each pixel. For each picture the light of the lamps is summed, what people hold up of it is taken
+//! The static scene is rendered once for a static camera: by how much each lamp lights each pixel. For each picture the light of the lamps is summed, the part that people block is taken
 //! away, and people are drawn over it, at several moments of the exposure, each with its own small shift within the pixel, every pixel where its true line of sight meets the surface. At last
 //! the lens blurs what has changed.
 

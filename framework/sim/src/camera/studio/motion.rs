@@ -94,7 +94,7 @@ impl Motion {
     }
 }
 
-/// What a camera makes of a point, with what is the same for all of them worked out.
+/// The projection of points, with the common terms precomputed.
 pub(in crate::camera) struct Projector<'c> {
     camera: &'c TrueCamera,
     rotation: nalgebra::Rotation3<f64>,

@@ -1,4 +1,4 @@
-//! What stands still in the studio as a camera sees it: by how much each lamp lights each pixel, and where people hold up that light.
+//! The static part of the studio as a camera sees it: by how much each lamp lights each pixel, and where people block that light.
 
 use nalgebra::{Point3, Vector3};
 
@@ -13,7 +13,7 @@ use crate::truth::TrueCamera;
 /// By channel, then by pixel [steps].
 type Planes = Vec<Vec<i16>>;
 
-/// What stands still, as a camera sees it.
+/// The static scene, as a camera sees it.
 pub(super) struct Still {
     pub camera: TrueCamera,
     pub samples: usize,
@@ -162,7 +162,7 @@ impl Still {
         &self.sums.insert(known).1
     }
 
-    /// Takes away the light that people hold up.
+    /// Takes away the light that people block.
     pub fn shade(&self, lighting: &Lighting, planes: &mut [Vec<i16>], changed: &mut Area) {
         let [width, height] = self.camera.image_size.map(|it| it as usize);
         let n_columns = width.div_ceil(TILE);

@@ -104,19 +104,19 @@ fn check_course(body: WholeBody, most_m_s2: f64) {
 
 #[test]
 fn loops_have_no_seam_and_keep_within_the_area() {
-    check_course(WholeBody::new(&walker(9.0, 0.0), Told::default(), AREA_M).unwrap(), 100.0);
-    let rounds = WholeBody::new(&walker(9.0, 0.6), Told::default(), AREA_M).unwrap();
+    check_course(WholeBody::new(&walker(9.0, 0.0), RecordingHints::default(), AREA_M).unwrap(), 100.0);
+    let rounds = WholeBody::new(&walker(9.0, 0.6), RecordingHints::default(), AREA_M).unwrap();
     assert!(rounds.period_s() > 8.0, "{} s", rounds.period_s());
     check_course(rounds, 100.0);
     // Too short for a lap.
-    check_course(WholeBody::new(&walker(0.8, 1.0), Told::default(), AREA_M).unwrap(), 100.0);
+    check_course(WholeBody::new(&walker(0.8, 1.0), RecordingHints::default(), AREA_M).unwrap(), 100.0);
     // Too fast for a round in the area.
-    check_course(WholeBody::new(&walker(4.0, 4.0), Told::default(), AREA_M).unwrap(), 100.0);
+    check_course(WholeBody::new(&walker(4.0, 4.0), RecordingHints::default(), AREA_M).unwrap(), 100.0);
 }
 
 #[test]
 fn somebody_who_jumps_leaves_the_floor() {
-    let body = WholeBody::new(&walker(5.0, 0.3), Told::default(), AREA_M).unwrap();
+    let body = WholeBody::new(&walker(5.0, 0.3), RecordingHints::default(), AREA_M).unwrap();
     let heights = (0..500).map(|it| body.pose(f64::from(it) * 0.01, [0.0; 2], Vector2::zeros()).parts[13].ends[1].z);
     let [low, high] = heights.fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], it| [low.min(it), high.max(it)]);
     assert!((0.04..0.1).contains(&low) && high - low > 0.28, "{low} to {high} m");
@@ -126,7 +126,7 @@ fn somebody_who_jumps_leaves_the_floor() {
 fn another_axis_and_unit_make_the_same_person() {
     let motion = walker(5.0, 0.6);
     let leds = |motion: &SkeletonMotion, unit_m: Option<f64>| {
-        let body = WholeBody::new(motion, Told { unit_m, up: None }, AREA_M).unwrap();
+        let body = WholeBody::new(motion, RecordingHints { unit_m, up: None }, AREA_M).unwrap();
         assert!((body.stature_m() - 1.7).abs() < 0.05, "{} m", body.stature_m());
         (0..50).map(|it| body.pose(f64::from(it) * 0.1, [0.0; 2], Vector2::zeros()).leds).collect::<Vec<_>>()
     };
@@ -138,17 +138,17 @@ fn another_axis_and_unit_make_the_same_person() {
             assert!((one.normal - other.normal).norm() < 1e-6);
         }
     }
-    let unknown = WholeBody::new(&z_up_in(0.04, &motion), Told::default(), AREA_M).unwrap();
+    let unknown = WholeBody::new(&z_up_in(0.04, &motion), RecordingHints::default(), AREA_M).unwrap();
     assert!(
         unknown.notes()[0].contains("no unit in use makes a person of it")
             && (unknown.stature_m() - STATURE_M).abs() < 1e-9
     );
     let refused = |unit_m: f64, area_m: [f64; 2]| {
-        WholeBody::new(&motion, Told { unit_m: Some(unit_m), up: None }, area_m).unwrap_err()
+        WholeBody::new(&motion, RecordingHints { unit_m: Some(unit_m), up: None }, area_m).unwrap_err()
     };
     assert!(refused(2.0, AREA_M).contains("expected one that makes 0.5 to 2.6 m"), "{}", refused(2.0, AREA_M));
     assert!(refused(1.0, [0.1, 0.1]).contains("0.10 m × 0.10 m"), "{}", refused(1.0, [0.1, 0.1]));
-    let short = WholeBody::new(&walker(0.4, 1.0), Told::default(), AREA_M).unwrap_err();
+    let short = WholeBody::new(&walker(0.4, 1.0), RecordingHints::default(), AREA_M).unwrap_err();
     assert!(short.contains("expected 0.5 s or more"), "{short}");
 }
 
@@ -176,19 +176,20 @@ fn head_heights(body: &WholeBody) -> [f64; 2] {
 fn who_lies_or_stands_on_the_hands_does_so_here() {
     // On the back, somewhere in the room, with legs that swing.
     let lying = turned(|_| [0.0, 0.0, -90.0], |_| [0.4, 0.55, 1.3]);
-    let told = Told { up: Some(1), ..Told::default() };
-    for body in [Told::default(), told].map(|it| WholeBody::new(&lying, it, AREA_M).unwrap()) {
+    let hints = RecordingHints { up: Some(1), ..RecordingHints::default() };
+    for body in [RecordingHints::default(), hints].map(|it| WholeBody::new(&lying, it, AREA_M).unwrap()) {
         let [low, high] = head_heights(&body);
         assert!(0.0 < low && high < 1.0, "{low} to {high} m, {:?}", body.notes());
     }
-    let body = WholeBody::new(&lying, Told::default(), AREA_M).unwrap();
+    let body = WholeBody::new(&lying, RecordingHints::default(), AREA_M).unwrap();
     assert!(body.notes()[1].starts_with("y taken for up, though -z may be"), "{:?}", body.notes());
     // A skeleton made with y up whose root is turned to z up stands, though.
     let stands = turned(|_| [0.0, 0.0, 90.0], |time| [0.5, 0.3 + 0.1 * time, 0.9]);
-    let body = WholeBody::new(&stands, Told::default(), AREA_M).unwrap();
+    let body = WholeBody::new(&stands, RecordingHints::default(), AREA_M).unwrap();
     assert!(head_heights(&body)[0] > 1.4, "{:?}, {:?}", head_heights(&body), body.notes());
     // On the hands.
-    let body = WholeBody::new(&turned(|_| [180.0, 0.0, 0.0], |_| [0.0, 1.2, 0.0]), Told::default(), AREA_M).unwrap();
+    let body =
+        WholeBody::new(&turned(|_| [180.0, 0.0, 0.0], |_| [0.0, 1.2, 0.0]), RecordingHints::default(), AREA_M).unwrap();
     let [low, high] = head_heights(&body);
     assert!(0.1 < low && high < 1.2, "{low} to {high} m");
 }
@@ -196,8 +197,12 @@ fn who_lies_or_stands_on_the_hands_does_so_here() {
 #[test]
 fn a_cartwheel_goes_over_without_a_jump() {
     // Once over sideways in a second and a half, and again.
-    let body =
-        WholeBody::new(&turned(|time| [240.0 * time, 0.0, 0.0], |_| [0.0, 0.9, 0.0]), Told::default(), AREA_M).unwrap();
+    let body = WholeBody::new(
+        &turned(|time| [240.0 * time, 0.0, 0.0], |_| [0.0, 0.9, 0.0]),
+        RecordingHints::default(),
+        AREA_M,
+    )
+    .unwrap();
     let [low, high] = head_heights(&body);
     assert!(low < 0.4 && high > 1.4, "{low} to {high} m");
     check_course(body, 400.0);
@@ -205,9 +210,10 @@ fn a_cartwheel_goes_over_without_a_jump() {
 
 #[test]
 fn children_and_giants_are_as_tall_as_recorded() {
-    let tall = |unit_m: f64, told: Option<f64>| {
+    let tall = |unit_m: f64, hints: Option<f64>| {
         let body =
-            WholeBody::new(&z_up_in(unit_m, &walker(3.0, 0.0)), Told { unit_m: told, up: None }, AREA_M).unwrap();
+            WholeBody::new(&z_up_in(unit_m, &walker(3.0, 0.0)), RecordingHints { unit_m: hints, up: None }, AREA_M)
+                .unwrap();
         (body.stature_m(), body.notes().join("; "))
     };
     // 1.7 m in units of 1.7 cm are 100: a child of 1 m if they are centimetres.
@@ -226,11 +232,11 @@ fn a_joint_that_jumps_is_named() {
     let mut motion = walker(4.0, 0.0);
     let n_channels = motion.n_channels();
     motion.values.iter_mut().skip(60 * n_channels).step_by(n_channels).for_each(|it| *it += 99.0);
-    let body = WholeBody::new(&motion, Told::default(), AREA_M).unwrap();
-    let told = body.notes().join("; ");
-    assert!(told.contains("3.0 s of 4.0 s, since `") && told.contains("moves 99.0"), "{told}");
+    let body = WholeBody::new(&motion, RecordingHints::default(), AREA_M).unwrap();
+    let hints = body.notes().join("; ");
+    assert!(hints.contains("3.0 s of 4.0 s, since `") && hints.contains("moves 99.0"), "{hints}");
     motion.values.iter_mut().step_by(n_channels).enumerate().for_each(|(frame, it)| *it = 9.0 * frame as f64);
-    let refused = WholeBody::new(&motion, Told::default(), AREA_M).unwrap_err();
+    let refused = WholeBody::new(&motion, RecordingHints::default(), AREA_M).unwrap_err();
     assert!(refused.contains("0.02 s of it without a jump (`") && refused.contains("moves 9.0"), "{refused}");
 }
 
@@ -241,7 +247,7 @@ fn a_first_frame_like_a_cross_is_left_out() {
     let mut cross = motion.values[..n_channels].to_vec();
     cross[..3].copy_from_slice(&[0.0, 5.0, 7.0]);
     motion.values.splice(0..0, cross);
-    check_course(WholeBody::new(&motion, Told::default(), AREA_M).unwrap(), 100.0);
+    check_course(WholeBody::new(&motion, RecordingHints::default(), AREA_M).unwrap(), 100.0);
 }
 
 #[test]
@@ -258,7 +264,7 @@ fn recorded_people_go_on_without_a_jump() {
             }
             let text = std::fs::read_to_string(&path).unwrap();
             let motion = SkeletonMotion::from_bvh(&text).unwrap();
-            let body = WholeBody::new(&motion, Told::default(), AREA_M)
+            let body = WholeBody::new(&motion, RecordingHints::default(), AREA_M)
                 .unwrap_or_else(|it| panic!("{}: {it}", path.display()));
             println!("{}: {:.2} m, repeats after {:.1} s", path.display(), body.stature_m(), body.period_s());
             assert!((1.4..2.1).contains(&body.stature_m()));

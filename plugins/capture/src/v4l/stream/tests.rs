@@ -64,7 +64,7 @@ fn damaged_short_and_undecodable_pictures_are_gaps_and_the_stream_goes_on() {
     let (words, counts, log) = play(b"GREY", &script, 5);
     let expected = [
         "[0, 0, 0, 0]",
-        "gap: a picture is damaged, the driver says",
+        "gap: a picture is marked as damaged by the driver",
         "gap: a picture has 3 bytes, expected 4",
         "[3, 3, 3, 3]",
     ];

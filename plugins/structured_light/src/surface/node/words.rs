@@ -1,4 +1,4 @@
-//! What is said at the end of a run of how clouds were joined.
+//! Remarks at the end of a run on how clouds were joined.
 
 use std::fmt;
 use std::sync::Arc;
@@ -59,8 +59,8 @@ impl JoinedSurface {
         let (name, Beside { distance_m, stated_m, .. }) = self.worst.as_ref()?;
         let of = self.apart_mm.len();
         Some(format!(
-            "{} of the {of} clouds that share a surface with clouds before them lie beside it, by {:.2} mm (median): {name} by {:.2} mm, expected {:.2} mm as its points and those of the others state. \
-             Where clouds lie so, the surface is several layers, or ends; its sigmas say so now. The poses of their cameras or of the target contradict each other: state better ones, or let `register = true` find them",
+            "{} of the {of} clouds that overlap clouds before them are displaced from these, by {:.2} mm (median): {name} by {:.2} mm, expected {:.2} mm from the stated uncertainty of the points. \
+             There the surface has several layers or ends, and its sigmas include that. The poses of the cameras or of the target contradict each other: give better ones, or set `register = true`",
             self.contradicting_mm.len(),
             median(&self.contradicting_mm)?,
             1e3 * distance_m,
@@ -68,7 +68,7 @@ impl JoinedSurface {
         ))
     }
 
-    /// What the surface holds, where it was begun anew.
+    /// What the surface holds, where it was restarted.
     pub(super) fn begun_anew(&self) -> Option<String> {
         let often = match self.given_up.len() {
             0 => return None,
@@ -79,12 +79,12 @@ impl JoinedSurface {
         let more = self.given_up.len().saturating_sub(NAMED);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let holds = match &self.inside {
-            Some(inside) => format!("it holds {inside}, and lies where the first of these was"),
+            Some(inside) => format!("it holds {inside}, in the space of the first of these"),
             None => "no cloud is in it".to_owned(),
         };
         Some(format!(
-            "the surface was begun anew {often}, since the cloud that it began with fitted none of the {DOUBTS} after it. Not in it: {}{more}; {holds}. \
-             Expected clouds that overlap (`min_overlap`), each turned from the one before by less than `start_sigma_deg` allows for; why they were refused stands in events.csv",
+            "the surface was restarted {often}, since its first cloud fitted none of the {DOUBTS} after it. Not in it: {}{more}; {holds}. \
+             Expected clouds that overlap (`min_overlap`), each turned from the one before by less than `start_sigma_deg` allows for; events.csv says why they were refused",
             without.join(", ")
         ))
     }
@@ -92,7 +92,7 @@ impl JoinedSurface {
     /// What is said of clouds that fit far worse than the others.
     pub(super) fn nearly_refused(&self) -> Option<String> {
         let others = median(&self.misfits).filter(|_| self.misfits.len() > 3);
-        let as_what = if others.is_some() { "those of the other clouds" } else { "errors of decoding make them" };
+        let as_what = if others.is_some() { "for the other clouds" } else { "with errors of decoding" };
         let others = others.unwrap_or(OF_DECODING);
         let far = || self.doubtful.iter().filter(|it| it.1 > FAR_FROM_OTHERS * others);
         let (name, misfit) = far().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -102,7 +102,7 @@ impl JoinedSurface {
         };
         let limit = self.settings.max_misfit;
         Some(format!(
-            "{name}{more} is in the surface with residuals that are {misfit:.1} times as large as sigmas say, expected about {others:.1} times, as {as_what}: it may lie wrong, or something moved against the rest. \
+            "{name}{more} is in the surface with residuals {misfit:.1} times as large as its sigmas, expected about {others:.1} times, as {as_what}: it may be misplaced, or something moved relative to the rest. \
              A `max_misfit` below {misfit:.1} ({limit} now) refuses it"
         ))
     }

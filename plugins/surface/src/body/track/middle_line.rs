@@ -1,4 +1,4 @@
-//! The middle line of points along a limb, from one end to the other: where joints may lie is slid along it.
+//! The centre line of points along a limb, from one end to the other, along which candidate joints are moved.
 
 use nalgebra::{Point3, Vector3};
 

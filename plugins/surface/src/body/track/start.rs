@@ -1,4 +1,4 @@
-//! How a body begins: from clicked joints, or from the points alone.
+//! Start of a body: from clicked joints, or from the points alone.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use foveate::prelude::*;
 use nalgebra::{Point3, Vector3};
 
 use super::middle_line::MiddleLine;
-use super::{ARM_SCALES, BodyTracker, Refusal, STATURE_SIGMA, blame};
+use super::{ARM_SCALES, BodyTracker, Refusal, STATURE_SIGMA, rejection};
 use crate::body::clicks;
 use crate::body::message::{joint_place, place};
 
@@ -33,11 +33,11 @@ const STRAY_REACH_M: f64 = 0.15;
 const MOST_STRAY: f64 = 0.02;
 /// A click that is farther off says no more than that it is wrong: three standard deviations [squared σ].
 const MOST_OF_A_CLICK: f64 = 9.0;
-/// Two ways in which an arm may lie are told apart where all that does not fit is so much less in one of them: of the simulated arm without a click (`graphs/surface_body.toml` without `joints`, seeds 1 to 8) that is
+/// Two orientations of an arm are distinguished where the total misfit of one is lower by this: of the simulated arm without a click (`graphs/surface_body.toml` without `joints`, seeds 1 to 8) that is
 /// 3 to 8 in the right one, and by 10 at least more in the next; of the arm of tubes in the tests 4.7 and 8.2; and other ways they are where a joint is so far off [squared σ, m].
 const CLEARLY_LESS: f64 = 3.0;
 const APART_M: f64 = 0.08;
-/// Somebody so much smaller or taller is tried, to tell a `height_m` that is far off [–].
+/// Relative statures that are tried, to detect a wrong `height_m` [–].
 const OTHER_HEIGHTS: [f64; 2] = [0.8, 1.25];
 /// Joints of an arm are tried so far apart along the points' middle line, and the first up to so far before it: a fit comes in from about 8 cm [m].
 const SLID_M: f64 = 0.06;
@@ -47,7 +47,7 @@ const MOST_SLID: usize = 6;
 
 impl BodyTracker {
     /// From clicked joints, or from the points alone.
-    pub(super) fn anew(
+    pub(super) fn restart(
         &mut self,
         chosen: &[&TrackedPoint],
         rays: &[BodyObservation],
@@ -107,7 +107,7 @@ impl BodyTracker {
         };
         let fit = search(&start, Free::POSTURE, true).and_then(|it| search(&it.state, options.free, false));
         let most_m = AS_NEAR * found.rms_m;
-        let is_better = |it: &BodyFit| blame(it).is_none() && !has_odd_length(it) && it.rms_m < most_m;
+        let is_better = |it: &BodyFit| rejection(it).is_none() && !has_odd_length(it) && it.rms_m < most_m;
         fit.filter(is_better).unwrap_or(found)
     }
 }
@@ -120,7 +120,7 @@ fn no_worse<T>(found: Result<T, Refusal>, misfit: f64, before: Option<&Refused>)
     }
 }
 
-/// Clicks that no body was begun from.
+/// Clicks from which no body was started.
 #[derive(Debug, Clone)]
 pub(super) struct Refused {
     clicks: Vec<(usize, Point3<f64>)>,
@@ -131,7 +131,7 @@ pub(super) struct Refused {
     why: Refusal,
 }
 
-/// What a body is begun from.
+/// Data of a start.
 struct Beginning<'a> {
     tracker: &'a BodyTracker,
     chosen: &'a [&'a TrackedPoint],
@@ -159,7 +159,7 @@ impl Beginning<'_> {
         self.fit_of(self.tracker.usual(), start, anchors, options)
     }
 
-    /// The same of somebody of whose sizes `usual` is known.
+    /// The same with size priors `usual`.
     fn fit_of(
         &self,
         usual: Priors,
@@ -204,20 +204,20 @@ impl Beginning<'_> {
         (fit.rms_m / self.tracker.rules.options.model_sigma_m).powi(2) + OFF_WEIGHT * fit.off_share
     }
 
-    /// Why a fit is no start.
+    /// Why a fit is rejected as a start.
     fn doubt(&self, fit: &BodyFit) -> Option<Refusal> {
         let elsewhere = || self.is_person().then(|| stray(self.chosen, fit)).flatten().map(|it| ("elsewhere", it));
         let off = off_people(&fit.state, &self.tracker.template);
         let few_people = || {
             (!self.is_person() && off > MOST_OFF).then(|| {
                 let reason = format!(
-                    "lengths and thicknesses of the arm together are those of few people ({off:.0} in squared standard deviations, expected {MOST_OFF} at most): another `height_m`, another limb, or one that lies \
-                     the other way round"
+                    "lengths and thicknesses of the arm are unusual ({off:.0} in squared standard deviations, expected {MOST_OFF} at most): a wrong `height_m`, another limb, or one with \
+                     its ends exchanged"
                 );
                 ("misshapen", reason)
             })
         };
-        blame(fit).or_else(elsewhere).or_else(few_people)
+        rejection(fit).or_else(elsewhere).or_else(few_people)
     }
 
     /// From three clicked joints or more, with what does not fit of what comes of them, the clicks left out.
@@ -246,7 +246,7 @@ impl Beginning<'_> {
         (misfit, why.or_else(|| self.other_height(found)).map_or(taken, Err))
     }
 
-    /// What is said of an arm to which a person of quite another height fits much better: where it is cut at the shoulder, and its hand is not seen, too long a one fits by lying farther to both ends.
+    /// Message about an arm that a person of very different stature fits much better: where shoulder and hand are not seen, an arm that is too long fits by extending at both ends.
     fn other_height(&self, found: &BodyFit) -> Option<Refusal> {
         if self.is_person() || !self.options.free.scales {
             return None;
@@ -272,15 +272,15 @@ impl Beginning<'_> {
             let misfit = misfit.fold(f64::INFINITY, f64::min);
             (MUCH_BETTER * misfit < own && misfit + CLEARLY < own).then(|| {
                 let reason = format!(
-                    "somebody of {factor} times the `height_m` that is set fits much better: {misfit:.1} squared standard deviations of points, clicks, lengths and thicknesses, and {own:.1} as it is; expected a \
-                     `height_m` that is about right"
+                    "{factor} times the set `height_m` fits much better: {misfit:.1} squared standard deviations of points, clicks, lengths and thicknesses instead of {own:.1}; expected an \
+                     approximately right `height_m`"
                 );
                 ("misshapen", reason)
             })
         })
     }
 
-    /// What is said of clicks that fit much better under other names.
+    /// Message about clicks that fit much better under other names.
     fn exchanged(&self, found: &BodyFit, most_of_a_click: f64) -> Option<String> {
         let BodyTracker { body, template, rules, .. } = self.tracker;
         let own = self.misfit(found, &self.clicks, most_of_a_click);
@@ -298,7 +298,7 @@ impl Beginning<'_> {
             let is_right = self.doubt(found).is_none() || self.doubt(&turned).is_none();
             if is_right && (is_better || is_like_people) {
                 return Some(format!(
-                    "{} look exchanged: as they are, points, clicks, lengths and thicknesses are {own:.1} squared standard deviations off a person's, exchanged {misfit:.1}",
+                    "{} look exchanged: points, clicks, lengths and thicknesses are {own:.1} squared standard deviations off a person's, but {misfit:.1} when exchanged",
                     other.what
                 ));
             }
@@ -345,7 +345,7 @@ impl Beginning<'_> {
         found
     }
 
-    /// The fit to which all speaks most; of an arm none where another one, whose joints lie elsewhere, is nearly as good.
+    /// The best fit; for an arm none where another one, with different joints, is nearly as good.
     fn best(&self, fits: Vec<BodyFit>) -> Result<BodyFit, Refusal> {
         let bones = &self.tracker.body.skeleton;
         let joints = |it: &BodyFit| {
@@ -360,11 +360,11 @@ impl Beginning<'_> {
         let places = joints(&best);
         let apart_m = |it: &BodyFit| joints(it).iter().zip(&places).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
         let other =
-            all.find(|(misfit, it)| *misfit < least + CLEARLY_LESS && apart_m(it) > APART_M && blame(it).is_none());
+            all.find(|(misfit, it)| *misfit < least + CLEARLY_LESS && apart_m(it) > APART_M && rejection(it).is_none());
         if let Some((other, _)) = other.filter(|_| !self.is_person()) {
             let reason = format!(
-                "it is not clear which way the arm lies: of two ways in which it may, points, clicks, lengths and thicknesses are {least:.1} and {other:.1} squared standard deviations off a person's, expected \
-                 {CLEARLY_LESS} between them at least; expected three joints at `clicked` or `joints`, or a `height_m` that is nearer"
+                "the arm's orientation is ambiguous: for two candidates, points, clicks, lengths and thicknesses are {least:.1} and {other:.1} squared standard deviations off a person's, expected \
+                 a difference of {CLEARLY_LESS} at least; give three joints at `clicked` or `joints`, or a better `height_m`"
             );
             return Err(("no_start", reason));
         }
@@ -387,7 +387,7 @@ fn has_odd_length(fit: &BodyFit) -> bool {
     fit.doubts.iter().any(|it| matches!(it, Doubt::Misshapen { what: "length", .. }))
 }
 
-/// What is said of points that lie together and off the body: as a shank does whose knee is bent the wrong way. They are fewer than what tells that the whole body lies elsewhere.
+/// Message about a cluster of points off the body, such as a shank with a wrongly bent knee. They are too few to reject the whole body.
 pub(in crate::body) fn stray(chosen: &[&TrackedPoint], fit: &BodyFit) -> Option<String> {
     let is_far = |it: &f64| it.is_nan() || it.abs() > STRAY_M;
     let far: Vec<Point3<f64>> =
@@ -398,8 +398,8 @@ pub(in crate::body) fn stray(chosen: &[&TrackedPoint], fit: &BodyFit) -> Option<
     (share > MOST_STRAY).then(|| {
         let [x, y, z]: [f64; 3] = at.coords.into();
         format!(
-            "{most} of {} points, together about ({x:.2}, {y:.2}, {z:.2}) m, lie more than {:.0} mm off the body, expected {:.0} at most: a limb lies elsewhere than the body has it; expected clicked joints \
-             nearer to where they are",
+            "{most} of {} points, together about ({x:.2}, {y:.2}, {z:.2}) m, are more than {:.0} mm off the body, expected {:.0} at most: a limb of the body is misplaced; give more accurate clicked \
+             joints",
             chosen.len(),
             1e3 * STRAY_M,
             MOST_STRAY * chosen.len() as f64
@@ -423,7 +423,7 @@ mod tests {
 
     #[test]
     fn clicks_that_were_refused_are_taken_only_where_clearly_more_fits() {
-        let why = ("elsewhere", "a limb lies elsewhere".to_owned());
+        let why = ("elsewhere", "a limb of the body is misplaced".to_owned());
         let before = Refused { clicks: Vec::new(), n: 1, misfit: 24.0, why: why.clone() };
         assert_eq!(no_worse(Ok(7), 23.5, Some(&before)), Err(why.clone()));
         assert_eq!(no_worse(Ok(7), 12.0, Some(&before)), Ok(7));

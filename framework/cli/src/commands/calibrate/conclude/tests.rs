@@ -5,7 +5,7 @@ use foveate_calibration::cause::Cause;
 use foveate_calibration::checks::{Candidate, Judgement};
 
 use super::*;
-use crate::calibrate::boards::BoardWishes;
+use crate::calibrate::boards::BoardArgs;
 use crate::commands::{Cli, Command};
 
 fn calibrate(line: &str) -> CalibrateArgs {
@@ -54,7 +54,7 @@ fn suggested_commands_are_taken_whatever_was_asked() {
                 (which >> index & 1 == 1).then_some(candidate)
             };
             let candidates: Vec<Candidate> = causes.iter().enumerate().filter_map(of).collect();
-            let commands = advice::commands(&asked(&typed, typed.board != BoardWishes::default()), &candidates);
+            let commands = advice::commands(&asked(&typed, typed.board != BoardArgs::default()), &candidates);
             let has_clock = which & 1 == 1 && !typed.unsynchronised;
             assert_eq!(
                 has_clock,

@@ -5,7 +5,7 @@ use super::super::detect::Edge;
 use super::super::sliding::{Profile, left_of, profile};
 use super::{PROVEN, Place, Track, TrackOptions, look_of, wide_here};
 
-/// How much farther a track may be from where it is foretold on a surface that goes a stripe on from picture to picture: one that was seen twice or three times, whose velocity has hardly been borne out [–] …
+/// How much farther a track may be from its predicted place on a surface that goes a stripe on from picture to picture: one that was seen twice or three times, whose velocity has hardly been borne out [–] …
 const YOUNG: f32 = 0.75;
 /// … and one for each picture that it was not seen in [–].
 const UNSEEN: f32 = 0.5;
@@ -42,7 +42,7 @@ pub(super) struct Matcher {
     /// By track: its edge.
     edge_of: Vec<Option<usize>>,
     is_taken: Vec<bool>,
-    /// Boundaries of the row that are known, where they are foretold.
+    /// Boundaries of the row that are known, at their predicted places.
     profile: Profile,
     new: Vec<Track>,
 }

@@ -1,4 +1,4 @@
-//! What a light that is not steady adds to the phase steps of a set, which have no opposites.
+//! What unsteady ambient light adds to the phase steps of a set, which have no inverse pictures.
 
 use super::{MIN_SAMPLES, SATURATED, at_share};
 
@@ -7,7 +7,7 @@ const LEAST_CONTRAST: f64 = 12.0;
 const WAVE: f64 = 1.5;
 /// Turns in which phases and the light of steps are found.
 const WAVE_ROUNDS: usize = 40;
-/// A light that is everywhere the same part of white − black is not told from the mean of waves, where 1 less the square of their correlation is below this [–].
+/// A light that is everywhere the same part of white − black cannot be distinguished from the mean of waves, where 1 less the square of their correlation is below this [–].
 const ALIKE_EVERYWHERE: f64 = 0.01;
 
 /// What is known of the waves of some pixels: white and black in one light, and what a light that is not steady adds to a picture.

@@ -28,7 +28,7 @@ fn a_black_or_white_picture_in_a_set_without_inverse_pictures_is_named_and_the_o
 }
 
 #[test]
-fn what_is_wrong_with_one_axis_accuses_no_picture_of_the_other() {
+fn what_is_wrong_with_one_axis_names_no_picture_of_the_other() {
     // A frame that was dropped, a bit inverted, two bits in each other's places; stripes that are hardly resolved.
     let cases = [(Inverse::None, 1, 2), (Inverse::None, 2, 5), (Inverse::After, 3, 4)];
     for (inverse, seed, plane) in cases {
@@ -51,8 +51,8 @@ fn what_is_wrong_with_one_axis_accuses_no_picture_of_the_other() {
                 others.into_iter().for_each(|(at, picture)| pictures[at] = picture);
                 let found = examined(&code, &pictures);
                 let about = format!("{inverse:?}, seed {seed}, {axis:?} {plane}, change {change}: {:?}", found.faults);
-                let accused = |it: &SetFault| it.axes().is_some_and(|it| it.contains(&other));
-                assert!(!found.faults.is_empty() && !found.faults.iter().any(accused), "{about}");
+                let is_other = |it: &SetFault| it.axes().is_some_and(|it| it.contains(&other));
+                assert!(!found.faults.is_empty() && !found.faults.iter().any(is_other), "{about}");
                 assert!(found.usable(&code).contains(&other), "{about}");
             }
         }

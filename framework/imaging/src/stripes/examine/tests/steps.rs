@@ -1,25 +1,26 @@
-//! Phase steps that are none, or lack.
+//! Phase steps that are wrong or missing.
 
+use super::super::super::faults::Found;
 use super::*;
 
-/// The faults of a wall's phase steps after `change`, in words, and the axes that are left.
-fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize)) -> (Vec<String>, Vec<Axis>) {
+/// The faults of a wall's phase steps after `change`, and the axes that are left.
+fn of_steps(steps: u32, change: impl Fn(&mut Vec<Vec<u8>>, &dyn Fn(u32) -> usize)) -> (Vec<SetFault>, Vec<Axis>) {
     let code = StripeCode::phase([160, 120], steps, 8);
     let mut pictures = wall(3).pictures(&code);
     let place = |step| code.place(Shown::Phase { axis: Axis::Columns, step }).unwrap();
     change(&mut pictures, &place);
     let found = examined(&code, &pictures);
-    let words = found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`")));
-    (words.collect(), found.usable(&code))
+    let usable = found.usable(&code);
+    (found.faults, usable)
 }
 
 #[test]
-fn a_phase_step_that_lacks_is_named_and_worked_out_from_the_others() {
+fn a_missing_phase_step_is_named_and_worked_out_from_the_others() {
     named_and_worked_out(1.0);
 }
 
 #[test]
-fn a_phase_step_of_a_projector_that_nobody_measured_is_named_and_worked_out() {
+fn a_phase_step_of_a_projector_of_unknown_response_is_named_and_worked_out() {
     named_and_worked_out(2.2);
     named_and_worked_out(0.5);
 }
@@ -34,13 +35,13 @@ fn named_and_worked_out(power: f64) {
         pictures.remove(place);
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
         let found = examine(&code, &views, &[], 6);
-        let words = found.faults.last().unwrap().describe(&code, &|at| format!("`{at}.png`"));
-        let expected = match step {
+        let last = found.faults.last().unwrap();
+        let is_it = match step {
             // A wave may begin with the one or end with the other.
-            0 | 7 => format!("1 of the 8 phase steps of the {} is missing, nothing tells which", axis.in_words()),
-            _ => format!("no picture shows phase step {step} of the {}", axis.in_words()),
+            0 | 7 => *last == SetFault::MissingSteps { axis, pictures: 1 },
+            _ => matches!(last, SetFault::Missing { shown, .. } if *shown == Shown::Phase { axis, step }),
         };
-        assert!(words.starts_with(&expected) && found.usable(&code) == Axis::BOTH, "{axis:?} {step}: {words}");
+        assert!(is_it && found.usable(&code) == Axis::BOTH, "{axis:?} {step}: {last:?}");
         let prepared = found.prepared(&code, &views);
         assert_eq!(prepared.pictures.len(), whole.len());
         if step == 0 {
@@ -58,9 +59,13 @@ fn named_and_worked_out(power: f64) {
         pictures.remove(code.place(what).unwrap());
         let views: Vec<ImageView<'_>> = pictures.iter().map(|it| ImageView::new(it, 160, 120).unwrap()).collect();
         let found = examine(&code, &views, &[], 6);
-        let words: Vec<String> =
-            found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`"))).collect();
-        assert!(!words.iter().any(|it| it.contains("phase step")), "{what}: {words:?}");
+        let is_step = |it: &SetFault| match it {
+            SetFault::Missing { shown, .. } | SetFault::Shows { expected: shown, .. } => {
+                matches!(shown, Shown::Phase { .. })
+            }
+            _ => matches!(it, SetFault::MissingSteps { .. }),
+        };
+        assert!(!found.faults.iter().any(is_step), "{what}: {:?}", found.faults);
     }
 }
 
@@ -69,22 +74,26 @@ fn phase_steps_that_are_none_are_named() {
     let (said, usable) = of_steps(4, |_, _| ());
     assert!(said.is_empty() && usable == Axis::BOTH, "{said:?}");
     let (said, usable) = of_steps(4, |pictures, place| pictures[place(2)].fill(0));
-    let expected = "shows black, expected phase step 2 of the columns";
-    assert!(said.len() == 1 && said[0].contains(expected) && usable == [Axis::Rows], "{said:?}");
+    let shows = |faults: &[SetFault], what: Shown| {
+        let step = Shown::Phase { axis: Axis::Columns, step: 2 };
+        matches!(faults, [SetFault::Shows { found, expected, .. }] if *found == Found::Shown(what) && *expected == step)
+    };
+    assert!(shows(&said, Shown::Black) && usable == [Axis::Rows], "{said:?}");
     let white = |pictures: &mut Vec<Vec<u8>>, place: &dyn Fn(u32) -> usize| {
         let last = pictures.len() - 2;
         let white = pictures[last].clone();
         pictures[place(2)] = white;
     };
     let (said, usable) = of_steps(4, white);
-    assert!(said.len() == 1 && said[0].contains("shows white") && usable == [Axis::Rows], "{said:?}");
+    assert!(shows(&said, Shown::White) && usable == [Axis::Rows], "{said:?}");
     for step in 0..4 {
         let (said, usable) = of_steps(4, |pictures, place| drop(pictures.remove(place(step))));
-        let expected = "1 of the 4 phase steps of the columns is missing, nothing tells which";
+        let expected = SetFault::MissingSteps { axis: Axis::Columns, pictures: 1 };
         assert!(said.len() == 2 && said[1] == expected && usable == [Axis::Rows], "step {step}: {said:?}");
     }
     let (said, _) = of_steps(4, |pictures, place| pictures[place(1)].iter_mut().for_each(|it| *it = 255 - *it));
-    assert!(said.len() == 1 && said[0].contains("is a negative, expected phase step 1"), "{said:?}");
+    let step = Shown::Phase { axis: Axis::Columns, step: 1 };
+    assert!(matches!(&said[..], [SetFault::Negative { shown, .. }] if *shown == step), "{said:?}");
 }
 
 #[test]
@@ -95,14 +104,14 @@ fn rows_are_kept_with_their_steps_where_something_moved_before_them() {
             pictures[place(step) - before..].iter_mut().for_each(|it| it.rotate_right(5));
         });
         assert!(
-            said.iter().any(|it| it.contains("something moved")) && usable == [Axis::Rows],
+            said.iter().any(|it| matches!(it, SetFault::Moved { .. })) && usable == [Axis::Rows],
             "{step}, {before}: {said:?}"
         );
     }
 }
 
 #[test]
-fn a_set_of_other_steps_or_another_period_is_told_its_settings() {
+fn the_settings_of_a_set_of_other_steps_or_another_period_are_named() {
     let set = |steps, period| StripeCode::phase([160, 120], steps, period);
     for ((steps, period), (stated_steps, stated_period)) in
         [((8, 8), (4, 8)), ((4, 8), (8, 8)), ((8, 16), (8, 8)), ((8, 8), (8, 16)), ((8, 16), (6, 8)), ((6, 8), (8, 16))]
@@ -132,7 +141,7 @@ fn a_bit_and_a_phase_step_in_each_others_places_are_no_exposure() {
     let mut n_mended = 0;
     for (bit, step) in [2, 3, 6, 7].into_iter().flat_map(|bit| (0..8).map(move |step| (bit, step))) {
         let (said, usable) = of_steps(8, |pictures, place| pictures.swap(bit, place(step)));
-        let is_mended = said.iter().any(|it| it.contains("stand in each other's places"));
+        let is_mended = said.iter().any(|it| matches!(it, SetFault::Exchanged { .. }));
         assert!(!is_mended || said.len() == 1 && usable == Axis::BOTH, "{bit}, {step}: {said:?}");
         n_mended += usize::from(is_mended);
     }
@@ -140,7 +149,7 @@ fn a_bit_and_a_phase_step_in_each_others_places_are_no_exposure() {
 }
 
 #[test]
-fn an_exchanged_pair_is_told_where_stripes_that_tell_it_are_few_and_blurred() {
+fn an_exchanged_pair_is_named_where_stripes_that_show_it_are_few_and_blurred() {
     // The projector reaches a part of the rows, and pixels lie in the middle of its boundaries.
     let code = StripeCode::gray([160, 128]);
     let part = Scene { shadow: |_, y| y < 60.0, projector: |x, y| [0.3 + x, 1.0 + y], defocus: 0.7, ..wall(4) };
@@ -220,12 +229,12 @@ fn a_set_most_of_whose_bits_are_not_as_stated_is_refused_with_both_axes() {
         pictures[2 * at + 1].clone_from(&whole[2 * bit + 1 - inverse]);
     }
     let found = examined(&code, &pictures);
-    let words: Vec<String> = found.faults.iter().map(|it| it.describe(&code, &|at| format!("`{at}.png`"))).collect();
     assert!(
-        words[0].starts_with("bit 1 (`2.png`, `3.png`), bit 2") && words[0].contains("fit no Gray code"),
-        "{words:?}"
+        matches!(&found.faults[0], SetFault::OutOfPlace { axis: Axis::Columns, planes } if planes[..2] == [1, 2]),
+        "{:?}",
+        found.faults
     );
-    assert_eq!(found.usable(&code), [], "{words:?}");
+    assert_eq!(found.usable(&code), [], "{:?}", found.faults);
     // One bit that shows another one leaves the rows as they are.
     let mut pictures = whole;
     (pictures[6], pictures[7]) = (pictures[2].clone(), pictures[3].clone());

@@ -1,0 +1,6 @@
+//! Runs of whole graphs. (`schedules` is apart: it compiles the protocol of the threads against a model checker.)
+
+mod engine;
+mod figures;
+mod scales;
+mod soak;

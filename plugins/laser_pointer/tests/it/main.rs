@@ -1,0 +1,4 @@
+//! Laser pointers on a simulated wall.
+
+mod drawing;
+mod wall;

@@ -1,0 +1,31 @@
+//! What crosses crates, and the program as people use it.
+//!
+//! Apart are three programs of their own: `allocation` counts for a whole process, `overload_live` counts what is alive in one, and `process` is its
+//! own child.
+
+mod arrows;
+mod boards;
+mod broadcast;
+mod bundle_bal;
+mod calibrate;
+mod calibrate_clocks;
+mod calibrate_inputs;
+mod evaluation;
+mod exchange;
+mod figures;
+mod head_calibration;
+mod mat_file;
+mod motion_files;
+mod nested;
+mod overload;
+mod plugins;
+mod program;
+#[cfg(unix)]
+mod running;
+#[cfg(unix)]
+mod sim_head;
+mod the_program;
+mod tidy;
+mod truth;
+mod walker;
+mod wand;
