@@ -431,7 +431,7 @@ mod tests {
             ("\"pan_on_tilt\"", "\"both\"", "stacking is \"both\", expected \"tilt_on_pan\" or \"pan_on_tilt\""),
             ("pan = [-100.0", "pan = [200", "expected [least, largest] in degrees, the smaller one first"),
             ("at_rest = 12.0", "at_rest = nan", "at_rest is nan, expected a finite number"),
-            ("position = 1.0", "position = 0", "zoom stop 1 is at 0, expected more than the 0 of the stop before it"),
+            ("position = 1.0", "position = 0", "zoom stop 1 is at 0, expected more than 0"),
             ("principal_point_px = [319.0", "principal_point_px = [\"a\"", "principal_point_px[0] is \"a\""),
         ] {
             let text = match from.starts_with("principal") {

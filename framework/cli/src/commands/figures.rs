@@ -179,8 +179,13 @@ mod tests {
     fn the_most_specific_declaration_is_meant() {
         const WIDE: FigureSpec =
             FigureSpec { name: "*.{median,p90}", unit: "m", better: Better::Low, line: "Of a path", headline: None };
-        const NARROW: FigureSpec =
-            FigureSpec { name: "error_mm.{median,p95}", unit: "mm", better: Better::Low, line: "Of a target", headline: None };
+        const NARROW: FigureSpec = FigureSpec {
+            name: "error_mm.{median,p95}",
+            unit: "mm",
+            better: Better::Low,
+            line: "Of a target",
+            headline: None,
+        };
         let entries = [&WIDE, &NARROW].map(|figure| Entry { figure, origins: vec!["test.node"] });
         let (meant, others) = find("error_mm.median", &entries);
         assert_eq!(meant.iter().map(|it| it.figure).collect::<Vec<_>>(), [&NARROW]);

@@ -126,7 +126,7 @@ fn error_of_a_curved_wall_is_reported() {
     }
     let found = calibrate(&wall(), &[SIZE; 2], &dots, &frames, &options(50.0));
     let why = found.cameras[0].map.as_ref().err().unwrap();
-    assert!(why.contains("held out") && why.contains("flat"), "{why}");
+    assert!(why.contains("held-out") && why.contains("flat"), "{why}");
 }
 
 /// Along an arc of three metres about the wall's middle, its ends nearer to the cameras.

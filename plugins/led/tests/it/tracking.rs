@@ -2,7 +2,7 @@
 
 use foveate::geometry::Camera;
 use foveate::messages::{CameraId, Features, Interval, Provenance, TargetId, Targets, Time};
-use foveate_led::tracker::{Entry, IntegratorSettings, Tracker};
+use foveate_led::tracker::{Entry, IntegratorSettings, LateRule, Tracker};
 use foveate_testkit::lab::{Lab, Light, ROOM_M as ROOM, Score, ScoreOptions, cameras, feature, person, score};
 use nalgebra::{Matrix2, Point2, Point3, Vector3};
 
@@ -303,7 +303,7 @@ fn a_feature_beyond_the_gate_is_not_taken() {
 #[test]
 fn cameras_with_slow_clocks_do_not_starve_and_very_late_frames_are_discarded() {
     // [Davis 2002, Figure 35]: one clock is 4 ms ahead, so that all other frames come late by a few milliseconds.
-    let mut rig = Rig::new(3, IntegratorSettings::default());
+    let mut rig = Rig::new(3, IntegratorSettings { late: LateRule::Apply, ..IntegratorSettings::default() });
     for k in 0..60 {
         let start = 16.0 * k as f64;
         assert_eq!(rig.see(ms(start + 6.0), 0, &[SPOT]), Entry::Applied);

@@ -62,10 +62,10 @@ fn advice_is_a_line_whenever_it_changes() {
     sweep.step(2.0, Some(SweepSettings::default().places()[0]));
     [2.2, 2.6, 9.0].into_iter().for_each(|it| tell(it, &sweep));
     let advice = std::fs::read_to_string(folder.path().join("sweep.ring-1.txt")).unwrap();
-    let first = "    0.0 s  setting 1 of 26 (pan -50°, tilt +0°): the head is on its way\n";
-    let second =
-        "    2.6 s  setting 1 of 26 (pan -50°, tilt +0°): the light was not seen yet; move it before the camera\n";
-    assert_eq!(advice, format!("{first}{second}"));
+    // One line when the head leaves, one when it waits for the light, none while nothing changes.
+    let times: Vec<&str> = advice.lines().map(|it| it.split(" s ").next().unwrap().trim()).collect();
+    assert_eq!(times, ["0.0", "2.6"], "{advice}");
+    assert!(advice.lines().all(|it| it.contains("1 of 26")), "{advice}");
 }
 
 #[test]

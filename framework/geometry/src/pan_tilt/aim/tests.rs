@@ -163,10 +163,8 @@ fn what_lies_beyond_the_limits_is_said_to_and_approached() {
     let beyond = refused(&head, &seen_from(&head, &Setting::new(1.2, 0.3), 3.0), &Setting::default());
     let Obstacle::OutOfLimits { pan, tilt } = beyond.reason else { panic!("{beyond:?}") };
     assert!((pan - 0.2).abs() < 1e-9 && tilt == 0.0 && beyond.other.is_none());
-    assert_eq!(
-        beyond.to_string(),
-        "the target is out of reach: it is out of the limits by 11.5° of pan and 0.0° of tilt"
-    );
+    let text = beyond.to_string();
+    assert!(text.contains("11.5° of pan") && text.contains("0.0° of tilt"), "{text}");
     // The nearest is really the nearest: no allowed setting around has it closer to the middle.
     let target = seen_from(&head, &Setting::new(1.3, -0.9), 3.0);
     let corner = refused(&head, &target, &Setting::default()).nearest;
