@@ -246,6 +246,7 @@ impl Evaluation {
         for (name, spread) in self.figures() {
             let name = field(name);
             for (seed, value) in &spread.values {
+                let value = if value.is_finite() { value.to_string() } else { String::new() };
                 let _ = writeln!(text, "{name},{},{},{seed},{value}", spread.unit, spread.better.name());
             }
         }

@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use foveate_diagnostics::fields::quoted;
+use foveate_diagnostics::fields::{self, quoted};
 use foveate_engine::Outcome;
 use foveate_node::figure::find;
 use foveate_rig::graph::Graph;
@@ -109,7 +109,7 @@ fn ledger(graph: &Graph, outcome: &Outcome) -> String {
     let mut text =
         "edge,delivered,rate_hz,age_p50_ms,age_p99_ms,age_max_ms,gaps,dropped,suspended,late,loss,sigma,requirement\n"
             .to_owned();
-    let optional = |value: Option<f64>, scale: f64| value.map_or(String::new(), |it| format!("{:.4}", it * scale));
+    let optional = |value: Option<f64>, scale: f64| fields::number(scale * value.unwrap_or(f64::NAN), 4).to_string();
     for (edge, ledger) in graph.edges.iter().zip(&outcome.ledgers) {
         let verdict = match &edge.require {
             None => "",

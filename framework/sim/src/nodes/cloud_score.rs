@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use foveate_diagnostics::fields::number;
 use foveate_estimation::statistics::percentile;
 use foveate_messages::{CameraId, Interval, PointCloud, Time};
 use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
@@ -164,15 +165,17 @@ impl CloudScore {
         let off_mm: Vec<f64> = self.track.errors[before.n_errors..].iter().map(|it| it.abs() * 1e3).collect();
         let n_wrong = off_mm.iter().filter(|it| it.is_nan() || **it > self.settings.wrong_mm).count();
         let n_wrong = n_wrong + now.n_beside - before.n_beside;
-        let of = |percent: f64| percentile(&off_mm, percent).unwrap_or(f64::NAN);
+        let of = |percent: f64| number(percentile(&off_mm, percent).unwrap_or(f64::NAN), 4);
         let covered = (now.n_covered - before.n_covered) as f64 / (now.n_visible - before.n_visible) as f64;
         let camera = self.calibration.cameras.get(usize::from(cloud.camera.0)).map_or("", |it| &it.name);
         format!(
-            "{:.6},{camera},{},{:.4},{:.4},{covered:.4},{n_wrong},{speed:.4}",
+            "{:.6},{camera},{},{},{},{},{n_wrong},{}",
             cloud.time.as_s(),
             cloud.len(),
             of(50.0),
-            of(95.0)
+            of(95.0),
+            number(covered, 4),
+            number(speed, 4)
         )
     }
 }

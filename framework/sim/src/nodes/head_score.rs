@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use foveate_diagnostics::fields::number;
 use foveate_estimation::statistics;
 use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, HeadPose, TargetId};
@@ -238,7 +239,8 @@ fn figures(track: &Track, suffix: &str, report: &mut Report) {
 fn rows(tracks: &[(&str, &Track)]) -> Vec<String> {
     let of = |name: &str, track: &Track| {
         let row = |(time, off, seen): &(Time, Vector2<f64>, bool)| {
-            format!("{name},{:.6},{:.3},{:.3},{}", time.as_s(), off.x, off.y, u8::from(*seen))
+            let [x, y] = [off.x, off.y].map(|it| number(it, 3));
+            format!("{name},{:.6},{x},{y},{}", time.as_s(), u8::from(*seen))
         };
         track.pictures.iter().map(row).collect::<Vec<_>>()
     };

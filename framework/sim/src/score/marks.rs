@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use foveate_diagnostics::fields::number;
 use foveate_estimation::statistics::{median, percentile};
 use foveate_geometry::{Alignment, AlignmentOptions, align};
 use foveate_messages::{CameraId, Marks, Provenance, Time};
@@ -322,9 +323,9 @@ impl MarkTrack {
         let row = |moment: &Moment| {
             let mut errors = Errors::default();
             errors.add(moment, names);
-            let middle = |values: &[f64]| median(values).map_or(String::new(), |it| format!("{:.4}", it * 1e3));
+            let middle = |values: &[f64]| number(1e3 * median(values).unwrap_or(f64::NAN), 4);
             let count = |provenance: Provenance| moment.samples.iter().filter(|it| it.provenance == provenance).count();
-            let of = |it: Option<f64>, scale: f64| it.map_or(String::new(), |it| format!("{:.4}", it * scale));
+            let of = |it: Option<f64>, scale: f64| number(scale * it.unwrap_or(f64::NAN), 4);
             format!(
                 "{:.6},{},{},{},{},{},{},{}",
                 moment.time.as_s(),
@@ -350,7 +351,8 @@ impl MarkTrack {
                 let own = names[&sample.label];
                 let InView { cameras, dots } = moment.in_view.get(own).copied().unwrap_or_default();
                 let (time, label, sigma) = (moment.time.as_s(), sample.label, sample.sigma * 1e3);
-                format!("{time:.6},{label},{own},{:.4},{sigma:.4},{cameras},{dots}", off * 1e3)
+                let (off, sigma) = (number(off * 1e3, 4), number(sigma, 4));
+                format!("{time:.6},{label},{own},{off},{sigma},{cameras},{dots}")
             };
             filled.map(row).collect()
         };
@@ -457,9 +459,10 @@ impl MarkObservationTrack {
             let near = it.distances.iter().enumerate().filter(|it| it.1.is_finite()).min_by(|a, b| a.1.total_cmp(b.1));
             let (nearest, distance) = near.map_or((String::new(), f32::NAN), |it| (it.0.to_string(), *it.1));
             let own = names.get(&it.label).map_or(String::new(), usize::to_string);
-            let off = it.off(names).unwrap_or(f64::NAN);
+            let off = number(it.off(names).unwrap_or(f64::NAN), 3);
+            let distance = number(f64::from(distance), 3);
             let (time_s, camera) = (it.time.as_s(), camera(it.camera));
-            format!("{time_s:.6},{camera},{},{own},{off:.3},{nearest},{distance:.3}", it.label)
+            format!("{time_s:.6},{camera},{},{own},{off},{nearest},{distance}", it.label)
         };
         self.wrong(names, wrong_px).1.map(row).collect()
     }
