@@ -50,6 +50,8 @@ pub struct ShapeDistances {
     pub to_first: Distances,
     /// Part of the second shape that the first covers: of its area, or of its points [–].
     pub coverage: f64,
+    /// Part of the first shape that the second covers, likewise [–].
+    pub coverage_of_first: f64,
     /// By point or corner of the first: distance to the second, signed where normals are known; NaN where it is not counted [m].
     pub of_points: Vec<f64>,
     /// Whether these are signed.
@@ -65,14 +67,17 @@ pub fn distances(first: &Shape, second: &Shape, options: &DistanceOptions) -> Sh
     });
     let from_first = if first.is_mesh() { samples(first, options.n_samples) } else { first.points().to_vec() };
     let from_second = if second.is_mesh() { samples(second, options.n_samples) } else { second.points().to_vec() };
-    let is_covered = in_parallel(&from_second, |it| {
-        first.nearest_within(it, options.covers).is_some_and(|nearest| (nearest.place - it).norm() <= options.covers)
-    });
-    let n_covered = is_covered.into_iter().filter(|it| *it).count();
+    let covered = |points: &[Point3<f64>], by: &Shape| {
+        let is_covered = in_parallel(points, |it| {
+            by.nearest_within(it, options.covers).is_some_and(|nearest| (nearest.place - it).norm() <= options.covers)
+        });
+        is_covered.iter().filter(|it| **it).count() as f64 / points.len().max(1) as f64
+    };
     ShapeDistances {
         to_second: summary(&from_first, second, options.most),
         to_first: summary(&from_second, first, options.most),
-        coverage: n_covered as f64 / from_second.len().max(1) as f64,
+        coverage: covered(&from_second, first),
+        coverage_of_first: covered(&from_first, second),
         of_points,
         is_signed,
     }
@@ -172,7 +177,9 @@ mod tests {
             for it in [median, p95, rms, mean.unwrap()] {
                 assert!((it - 0.01).abs() < 1e-6, "{first} {second}: {:?}", found.to_second);
             }
-            assert!((0.49..0.67).contains(&found.coverage), "{first} {second}: {}", found.coverage);
+            for it in [found.coverage, found.coverage_of_first] {
+                assert!((0.49..0.67).contains(&it), "{first} {second}: {it}");
+            }
             assert!((found.to_first.mean.unwrap() + 0.01).abs() < 1e-6, "{:?}", found.to_first);
             assert!(found.is_signed && found.of_points.len() == 441);
         }

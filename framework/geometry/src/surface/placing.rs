@@ -18,6 +18,8 @@
 //! | `b_from_a` = S | S p = s R p + t; S ⊕ δ = exp(ω)(S p − c)(1 + σ) + c + v, δ = (ω, v, σ), c the middle of the points in b | –, m |
 //! | residual | n·(m − S p): along the normal n of the nearest place m | m |
 
+use std::ops::RangeInclusive;
+
 use foveate_estimation::statistics::{SIGMA_PER_MAD, median};
 use nalgebra::{
     Cholesky, Isometry3, Matrix6, Point3, Quaternion, SMatrix, SVector, Similarity3, Translation3, UnitQuaternion,
@@ -73,7 +75,16 @@ pub enum PlacingError {
         /// Overlap that is needed.
         expected: f64,
     },
+    /// With a scale, every place that was found shrinks or swells the one beyond what a scale is for.
+    #[error("the place found has the scale {scale:.3}, expected {} to {}: a shape that shrinks to a spot lies on anything", SCALES.start(), SCALES.end())]
+    Scale {
+        /// That of the best such place.
+        scale: f64,
+    },
 }
+
+/// Scales of a placing: those between shapes whose unit is known; that of a wrong unit is beyond.
+const SCALES: RangeInclusive<f64> = 0.5..=2.0;
 
 /// Points of a that a start takes, that its worth is judged by, and that the adjustment takes.
 const POINTS: [usize; 3] = [350, 1500, 20_000];
@@ -95,7 +106,7 @@ const BETTER: f64 = 1.03;
 /// Another place is another one beyond this turn [rad] or this part of the extent, and fits as well above this part of the best worth.
 const OTHER_TURN: f64 = 0.17;
 const OTHER_SHIFT: f64 = 0.05;
-const AS_WELL: f64 = 0.97;
+const AS_WELL: f64 = 0.9;
 /// Finalists worth at least this part of the best one are adjusted.
 const WORTH_ADJUSTING: f64 = 0.8;
 /// The place given is kept where it is worth at least this part of the best one.
@@ -127,6 +138,7 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
     let parts = [without_planes(of_a, a.extent()), without_planes(on_b, b.extent())];
     let tolerance = a.extent().min(b.extent()) / CELLS[1];
     let mut best: Option<(f64, Placing)> = None;
+    let mut all: Vec<(f64, Placing)> = Vec::new();
     let mut failed = PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP };
     for (at, (left_a, left_b)) in pairs_of_parts(parts[0].len(), parts[1].len()).enumerate() {
         let [of_a, on_b] = [&parts[0][left_a], &parts[1][left_b]];
@@ -147,11 +159,27 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
         ];
         let score = shares[0] + shares[1];
         let holds = at == 0 || shares[0].max(shares[1]) >= MIN_OVERLAP;
+        all.push((score, placing.clone()));
         if holds && best.as_ref().is_none_or(|it| score > BETTER * it.0) {
             best = Some((score, placing));
         }
     }
-    best.map(|it| it.1).ok_or(failed)
+    let (score, mut best) = best.ok_or(failed)?;
+    let middle = middle(parts[0][0].iter().map(|it| it.position)).unwrap_or_else(Point3::origin);
+    let others = all.iter().filter(|it| it.0 >= AS_WELL * score).map(|it| apart(&it.1.b_from_a, &best.b_from_a, &middle));
+    let other = others.filter(|it| is_other(*it, b.extent())).next();
+    best.other = best.other.or(other);
+    Ok(best)
+}
+
+/// How far poses are turned from one another, and how far they move `middle` apart [rad, m].
+fn apart(a: &Similarity3<f64>, b: &Similarity3<f64>, middle: &Point3<f64>) -> (f64, f64) {
+    (a.isometry.rotation.angle_to(&b.isometry.rotation), (a * middle - b * middle).norm())
+}
+
+/// Whether poses so far apart are two places on a shape of this extent.
+fn is_other((turn, shift): (f64, f64), extent: f64) -> bool {
+    turn > OTHER_TURN || shift > OTHER_SHIFT * extent
 }
 
 /// The points, those without the plane that holds most of them, those without that of these, and so on, for as long as planes hold a good part.
@@ -226,15 +254,15 @@ fn place_part(
     };
     // With a scale, only the adjustment says how well a place fits.
     let mut adjusted_ones: Vec<(f64, Placing)> = Vec::new();
+    let mut failed = PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP };
     for (_, pose) in finalists.iter().filter(|it| it.0 >= WORTH_ADJUSTING * most) {
-        if let Ok(it) = adjusted(&judged, b, &rigid(pose), options, extent) {
-            adjusted_ones.push((search.worth(&it.b_from_a, tolerance), it));
+        match adjusted(&judged, b, &rigid(pose), options, extent) {
+            Ok(it) => adjusted_ones.push((search.worth(&it.b_from_a, tolerance), it)),
+            Err(it) => failed = it,
         }
     }
     adjusted_ones.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let Some((best_worth, best)) = adjusted_ones.first().cloned() else {
-        return Err(PlacingError::NoOverlap { overlap: 0.0, expected: MIN_OVERLAP });
-    };
+    let Some((best_worth, best)) = adjusted_ones.first().cloned() else { return Err(failed) };
     let is_given = |it: &&(f64, Placing)| {
         it.0 >= AS_GIVEN * best_worth && !search.is_other(&it.1.b_from_a, &Similarity3::identity())
     };
@@ -247,11 +275,8 @@ fn place_part(
     let is_as_good = |it: &&(f64, Placing)| {
         it.0 >= AS_WELL * best_worth && it.1.sigma < placing.sigma / AS_WELL && search.is_other(&it.1.b_from_a, &chosen)
     };
-    let middle = search.middle();
-    placing.other = adjusted_ones.iter().find(is_as_good).map(|(_, it)| {
-        let turn = it.b_from_a.isometry.rotation.angle_to(&chosen.isometry.rotation);
-        (turn, (it.b_from_a * middle - chosen * middle).norm())
-    });
+    placing.other =
+        adjusted_ones.iter().find(is_as_good).map(|(_, it)| apart(&it.b_from_a, &chosen, &search.middle()));
     Ok(placing)
 }
 
@@ -335,9 +360,7 @@ impl Search<'_> {
     }
 
     fn is_other(&self, a: &Similarity3<f64>, b: &Similarity3<f64>) -> bool {
-        let middle = self.middle();
-        a.isometry.rotation.angle_to(&b.isometry.rotation) > OTHER_TURN
-            || (a * middle - b * middle).norm() > OTHER_SHIFT * self.extent
+        is_other(apart(a, b, &self.middle()), self.extent)
     }
 }
 
@@ -451,6 +474,10 @@ fn adjusted(
         if moved < LEAST_STEP * extent && step > 1 {
             break;
         }
+    }
+    let scale = pose.scaling();
+    if !SCALES.contains(&scale) {
+        return Err(PlacingError::Scale { scale });
     }
     Ok(Placing { b_from_a: pose, overlap, sigma, n_open, other: None })
 }

@@ -30,8 +30,10 @@ const MANY: usize = 200_000;
 const SAMPLES: usize = 100_000;
 /// Default: B is covered where A has a point within so many times the distance between points of A.
 const COVERS: f64 = 2.0;
-/// With more of its points than this part beside B, `--within` fails [–].
+/// With more of its points than this part beside B or too far away, `--within` fails [–].
 const MOSTLY_BESIDE: f64 = 0.5;
+/// With less of it on B than this, a placed A may lie in a wrong place [–].
+const MOSTLY_ON: f64 = 0.5;
 /// Without `--align`, a median beyond this part of B's extent means that they do not lie in one space [–].
 const ELSEWHERE: f64 = 0.02;
 
@@ -100,9 +102,15 @@ pub(super) fn run(args: &CompareArgs) -> Result<u8, String> {
         }
         if let Some((turn, shift)) = found.other {
             notes.push(format!(
-                "another place fits nearly as well, turned by {:.0}° and moved by {:.1} mm: a symmetry, or too little shape",
+                "the place is not unique: another one, turned by {:.0}° and moved by {:.1} mm, fits nearly as well: a symmetry, or too little shape",
                 turn.to_degrees(),
                 1e3 * shift
+            ));
+        }
+        if found.overlap < MOSTLY_ON {
+            notes.push(format!(
+                "only {:.0} % of A lies on B: the place may be wrong, or A shows much that B does not; --out shows where it lies",
+                100.0 * found.overlap
             ));
         }
         let points = shape_a.points().iter().map(|it| found.b_from_a * it).collect();
@@ -168,16 +176,16 @@ fn finish(args: &CompareArgs, found: &Found, a: &Shape, b: &Shape) -> Result<u8,
 fn not_met(found: &Distances, within: f64) -> Option<String> {
     let p95 = 1e3 * found.p95;
     let all = found.n + found.n_beside + found.n_far;
-    let beside = found.n_beside as f64 / all.max(1) as f64;
+    let not_over = (found.n_beside + found.n_far) as f64 / all.max(1) as f64;
     // No distance at all is no promise kept.
     if p95.is_nan() {
         Some(format!("none of A's points lies over B, expected 95 % of them within {within} mm"))
     } else if p95 > within {
         Some(format!("95 % of A's points are within {p95:.3} mm of B, expected {within} mm"))
-    } else if beside > MOSTLY_BESIDE {
+    } else if not_over > MOSTLY_BESIDE {
         Some(format!(
-            "{:.0} % of A's points lie beside B, where no distance says how right they are, expected half at most: cut A to what B shows",
-            100.0 * beside
+            "{:.0} % of A's points lie beside B or farther away than --farthest, where no distance says how right they are, expected half at most: cut A to what B shows",
+            100.0 * not_over
         ))
     } else {
         None
@@ -293,7 +301,7 @@ fn figures(found: &Found) -> Value {
     });
     json!({
         "a": a, "b": b, "b_from_a": placing, "a_to_b": of(&found.distances.to_second), "b_to_a": of(&found.distances.to_first),
-        "coverage": found.distances.coverage, "coverage_within_mm": 1e3 * found.covers, "notes": found.notes,
+        "coverage": found.distances.coverage, "coverage_of_a": found.distances.coverage_of_first, "coverage_within_mm": 1e3 * found.covers, "notes": found.notes,
     })
 }
 
@@ -335,9 +343,10 @@ fn words(found: &Found) -> String {
         );
     }
     text + &format!(
-        "coverage: {:.1} % of B have a place of A within {:.3} mm\n",
+        "coverage: {:.1} % of A have a place of B within {covers:.3} mm, {:.1} % of B one of A\n",
+        100.0 * found.distances.coverage_of_first,
         100.0 * found.distances.coverage,
-        1e3 * found.covers
+        covers = 1e3 * found.covers,
     )
 }
 
@@ -446,6 +455,34 @@ mod tests {
         let (_, figures) = compared(&scan, &reference, &["--scale"]);
         let scale = figures["b_from_a"]["scale"].as_f64().unwrap();
         assert!((scale * 0.97 - 1.0).abs() < 1e-3, "{figures:#}");
+    }
+
+    #[test]
+    fn a_shape_that_is_none_of_the_reference_does_not_pass_by_shrinking() {
+        // A ball of points beside the hill.
+        let mut random = foveate_estimation::random::Random::new(3);
+        let header = "ply\nformat ascii 1.0\ncomment metres\nelement vertex 3000\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+        let ball: String = (0..3000).map(|_| format!("{} {} {}\n", 0.1 * random.normal(), 0.1 * random.normal(), 0.1 * random.normal())).collect();
+        let (code, figures) = compared(&format!("{header}{ball}"), &hill(61, &Isometry3::identity(), 1.0, "comment metres\n"), &["--scale", "--within", "1"]);
+        assert_ne!(code, Ok(exit::DONE), "{figures:#}");
+    }
+
+    #[test]
+    fn coverage_is_given_both_ways_and_a_place_of_little_overlap_is_remarked_on() {
+        let whole = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
+        let (_, figures) = compared(&whole, &whole, &["--align"]);
+        assert_eq!((figures["coverage"].as_f64(), figures["coverage_of_a"].as_f64()), (Some(1.0), Some(1.0)), "{figures:#}");
+        assert_eq!(figures["notes"].as_array().map(Vec::len), Some(0), "{figures:#}");
+        // A: the hill, and twice as many points elsewhere.
+        let (header, points) = whole.split_once("end_header\n").unwrap();
+        let mut random = foveate_estimation::random::Random::new(4);
+        let mut far = || format!("{} {} {}\n", random.uniform(), random.uniform(), 0.5 + random.uniform());
+        let more: String = (0..7442).map(|_| far()).collect();
+        let scan = format!("{}end_header\n{points}{more}", header.replace("3721", "11163"));
+        let (code, figures) = compared(&scan, &whole, &["--align", "--within", "1", "--farthest", "5"]);
+        assert!(figures["b_from_a"]["overlap"].as_f64().unwrap() < 0.4, "{figures:#}");
+        assert!(figures["coverage_of_a"].as_f64().unwrap() < 0.4 && figures["coverage"].as_f64().unwrap() > 0.9, "{figures:#}");
+        assert_eq!((code, figures["notes"].to_string().contains("of A lies on B")), (Ok(exit::UNMET), true), "{figures:#}");
     }
 
     #[test]

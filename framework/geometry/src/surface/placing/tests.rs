@@ -74,6 +74,20 @@ fn a_scale_is_found_with_the_place() {
 }
 
 #[test]
+fn a_scale_that_shrinks_a_shape_to_a_spot_is_refused_and_a_place_that_is_one_of_many_says_so() {
+    let mut random = Random::new(8);
+    // A cloud without a surface beside a sphere, on which nothing but a spot of it can lie.
+    let cloud = (0..4000).map(|_| Point3::from(Vector3::from([0; 3].map(|_| random.uniform_in(-0.1, 0.1))))).collect();
+    let a = Shape::new(cloud, Vec::new(), Vec::new(), &Point3::new(0.0, 0.0, 5.0)).unwrap().without_sides();
+    let b = shape(head(20_000, 1, 0.0, |_| true), Point3::origin());
+    let options = PlacingOptions { scale: true, n_starts: 40, most: f64::INFINITY };
+    match place(&a, &b, &options) {
+        Err(_) => {}
+        Ok(found) => assert!(SCALES.contains(&found.b_from_a.scaling()) && found.other.is_some(), "{found:?}"),
+    }
+}
+
+#[test]
 fn small_things_before_a_large_wall_say_how_it_lies() {
     // Points 1 of 3 m of wall, two balls before it, seen from where the wall is 3 m away.
     let room = |seed: u64, half: f64| -> Vec<Point3<f64>> {
