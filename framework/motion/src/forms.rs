@@ -28,6 +28,9 @@ pub enum Form {
     Npz,
 }
 
+/// The forms that are read, for who names a file of none of them.
+pub const MOTION_FORMS: &str = "a motion file: C3D, TRC, BVH, NPZ of `export.npy`, or a table of targets or marks (CSV with `time_s`, `target` or `mark`, `x_m`, `y_m`, `z_m`)";
+
 impl Form {
     /// All formats.
     pub const ALL: [Form; 5] = [Form::C3d, Form::Trc, Form::Bvh, Form::Table, Form::Npz];
@@ -154,7 +157,7 @@ pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Read, MotionError> {
         }
         let found = bytes.iter().take(16).map(|it| format!("{it:02x}")).collect::<Vec<_>>().join(" ");
         return Err(MotionError(format!(
-            "found a file of {} bytes that begins with `{found}`, expected C3D, TRC, BVH, an archive of `export.npy`, or a table of targets or marks",
+            "found a file of {} bytes that begins with `{found}`, expected {MOTION_FORMS}",
             bytes.len()
         )));
     };

@@ -45,7 +45,7 @@ pub use calibration::{Calibration, LengthUnit, NamedCamera};
 pub use clocks::{CameraClock, Clocks};
 pub use draft::{Draft, Unknown};
 pub use error::{CalibrationDiagnostic, CalibrationError};
-pub use formats::{DltOrigin, Export, ExportContent, Format, ImportOptions};
+pub use formats::{CALIBRATION_FORMS, DltOrigin, Export, ExportContent, Format, ImportOptions};
 pub use heads::{CalibratedHead, Head, Heads};
 pub use natural_order::natural_order;
 pub use shape_file::{load_shape_model, parse_shape_model, shape_model_to_toml};

@@ -19,11 +19,11 @@ pub(crate) fn read<T>(
 ) -> Result<T, CalibrationError> {
     let mut reader = Reader { text, path, camera: None, faults: Vec::new() };
     let (document, errors) = DeTable::parse_recoverable(text);
-    if !errors.is_empty() {
-        for error in errors {
-            let at = error.span().unwrap_or(0..0);
-            reader.report(at, format!("this is not TOML ({})", error.message()), "a TOML file".into());
-        }
+    if let Some(first) = errors.first() {
+        // What follows a first fault is mostly guesswork, and of a long file of another kind there are thousands.
+        let more = if errors.len() > 1 { format!("; and {} more faults", errors.len() - 1) } else { String::new() };
+        let at = first.span().unwrap_or(0..0);
+        reader.report(at, format!("this is not TOML ({}{more})", first.message()), "a TOML file".into());
         return Err(reader.into_error());
     }
     let read = of(&mut reader, document.get_ref(), document.span());

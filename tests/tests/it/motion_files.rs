@@ -159,6 +159,13 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written_over() {
     fs::write(at.join("room.toml"), "[camera.a]\n").unwrap();
     refused(at, &["convert", "room.toml", "x.toml", "--smooth", "6"], "--smooth is for motion files");
     refused(at, &["compare", "walk.csv", "room.toml"], "`room.toml` is no motion file");
+    // All forms that the command reads, on one line.
+    fs::write(at.join("notes.txt"), "a walk of 4 s\n".repeat(1000)).unwrap();
+    for (command, other) in [(["convert", "notes.txt", "x.trc"], "Qualisys"), (["compare", "walk.csv", "notes.txt"], "PLY")] {
+        refused(at, &command, "C3D, TRC, BVH, NPZ");
+        let (_, _, complaint) = foveate(at, &command);
+        assert!(complaint.contains(other) && complaint.lines().count() == 1, "{complaint}");
+    }
     refused(at, &["compare", "walk.csv", "legs.csv", "--match", "names", "--shift", "0"], "");
     assert!(!at.join("x.trc").exists() && !at.join("x.bvh").exists());
 }

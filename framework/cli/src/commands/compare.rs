@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use foveate_motion::Motion;
 use foveate_motion::compare::{CompareOptions, Comparison, Distances, Pairing, compare};
-use foveate_motion::forms::ReadOptions;
+use foveate_motion::forms::{MOTION_FORMS, ReadOptions};
 use serde_json::{Value, json};
 
 use super::complain;
@@ -115,8 +115,7 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
     let mut open = |name: &str, path: &PathBuf, metres_per_unit: Option<f64>| -> Result<(Motion, Value), String> {
         let form = kind_of(path).map_err(|it| format!("`{}` cannot be read: {it}", path.display()))?;
         let none = || {
-            let path = path.display();
-            format!("`{path}` is no motion file: expected C3D, TRC, BVH, NPZ or a table of targets or marks")
+            format!("`{}` is no motion file, expected {MOTION_FORMS}; or two PLY files", path.display())
         };
         let form = form.ok_or_else(|| nearly_table(path).unwrap_or_else(none))?;
         let read = load(path, form, &ReadOptions { metres_per_unit, up: None })?;

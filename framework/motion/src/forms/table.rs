@@ -78,8 +78,12 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     if !has("target") && !has("mark") {
         missing.push("`target` or `mark`");
     }
-    let strange: Vec<String> =
-        names.iter().filter(|it| !known(it) && *it != "name").map(|it| format!("`{it}`")).collect();
+    let strange = names.iter().filter(|it| !known(it) && *it != "name");
+    let mut strange: Vec<String> = strange.map(|it| format!("`{it}`")).collect();
+    if strange.len() > STRANGE_SHOWN {
+        let more = strange.split_off(STRANGE_SHOWN).len();
+        strange.push(format!("{more} more"));
+    }
     let in_place = if strange.is_empty() { String::new() } else { format!(", and {} instead", strange.join(", ")) };
     let columns = if missing.len() == 1 { "column" } else { "columns" };
     Some(format!(
@@ -88,6 +92,8 @@ pub(super) fn nearly(text: &[u8]) -> Option<String> {
     ))
 }
 
+/// Columns of other names that are shown.
+const STRANGE_SHOWN: usize = 5;
 /// Columns that other tables have by chance are fewer.
 const LEAST_KNOWN: usize = 3;
 

@@ -40,7 +40,7 @@ use crate::text::read_text;
 use crate::{calibration_file, multi_cam_self_cal as multi_cam_self_cal_reader};
 
 /// The forms that [`Calibration::load`] knows; part of its error when none fits.
-const LOOKED_FOR: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
+pub const CALIBRATION_FORMS: &str = "a calibration: TOML of ours ([calibration]), of Pose2Sim, Anipose or Caliscope (matrix = [[…), OpenCV \
                           (%YAML, <opencv_storage> or JSON with opencv-matrix), Qualisys (<calibration>), DLT coefficients (11 rows of numbers, a \
                           column for each camera), a table of Middlebury (NAME_par.txt), or a folder of MultiCamSelfCal (Pmatrices.dat), of COLMAP (cameras.txt, images.txt) or of OpenCV files";
 
@@ -312,7 +312,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
         return match opencv::files_of(path)? {
             files if files.is_empty() => {
                 let found = "a folder without Pmatrices.dat, and without .yml, .yaml, .xml or .json files of OpenCV";
-                Err(CalibrationDiagnostic::of_file(path, found, LOOKED_FOR).into())
+                Err(CalibrationDiagnostic::of_file(path, found, CALIBRATION_FORMS).into())
             }
             files => opencv::load_folder(path, &files, options),
         };
@@ -337,7 +337,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
             // The real-time protocol wraps it in an element named after its version.
             "calibration" => qualisys::load(path, &document),
             _ if root.starts_with("QTM_Parameters") => qualisys::load(path, &document),
-            _ => Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), LOOKED_FOR).into()),
+            _ => Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), CALIBRATION_FORMS).into()),
         };
     }
     if rings::is_table(start) {
@@ -346,12 +346,16 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
     if dlt::is_meant(start) {
         return dlt::load(path, &text, options);
     }
-    let is_toml = start.lines().any(|line| line.trim_start().starts_with('[') || line.contains('='));
+    // Of arrays that go on over several lines nothing is told by a line.
+    let is_within = |line: &&str| line.starts_with(|it: char| "]+-\"'".contains(it) || it.is_ascii_digit());
+    let lines = || start.lines().map(str::trim_start).filter(|it| !it.is_empty() && !is_within(it));
+    let n_of_toml = lines().filter(|line| line.starts_with(['[', '#']) || line.contains('=')).count();
+    let is_toml = n_of_toml > 0 && 2 * n_of_toml >= lines().count();
     if !is_toml {
         let shown: String = start.lines().next().unwrap_or_default().chars().take(40).collect();
         let found =
             if start.is_empty() { "an empty file".to_owned() } else { format!("a file that begins with {shown:?}") };
-        return Err(CalibrationDiagnostic::of_file(path, found, LOOKED_FOR).into());
+        return Err(CalibrationDiagnostic::of_file(path, found, CALIBRATION_FORMS).into());
     }
     calibration_file::parse(&text, path)
 }

@@ -3,7 +3,8 @@
 use std::io::ErrorKind;
 use std::path::Path;
 
-use foveate_scene::{Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit};
+use foveate_motion::forms::MOTION_FORMS;
+use foveate_scene::{CALIBRATION_FORMS, Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit};
 
 use super::{ConvertArgs, FromUp};
 use crate::commands::complain;
@@ -20,7 +21,11 @@ pub(super) fn run(args: &ConvertArgs) -> u8 {
     };
     let mut calibration = match Calibration::load_with(&args.input, &options) {
         Ok(calibration) => calibration,
-        Err(error) => return complain(&error.to_string()),
+        Err(error) => {
+            let is_unknown = error.faults.iter().any(|it| it.expected == CALIBRATION_FORMS);
+            let or = if is_unknown { format!("; or {MOTION_FORMS}") } else { String::new() };
+            return complain(&format!("{error}{or}"));
+        }
     };
     if let Some(up) = args.from_up.filter(|it| *it != FromUp::Z) {
         calibration = calibration.with_up(&up.direction());

@@ -170,6 +170,22 @@ fn a_lens_alone_stands_at_the_origin_when_asked() {
 }
 
 #[test]
+fn a_long_file_of_another_kind_is_one_fault_that_names_the_forms() {
+    let program: String = (0..500).map(|it| format!("def f{it}(x):\n    y = x ** {it}\n    return y, x\n")).collect();
+    let nearly: String = (0..500).map(|it| format!("[part {it}]\nvalue = it is {it}\n")).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let fault = |text: &str| {
+        let path = folder.path().join("given.any");
+        fs::write(&path, text).unwrap();
+        let faults = Calibration::load(&path).unwrap_err().faults;
+        assert_eq!(faults.len(), 1);
+        faults[0].clone()
+    };
+    assert_eq!((fault(&program).expected.as_str(), fault(&program).place), (CALIBRATION_FORMS, None));
+    assert_eq!((fault(&nearly).expected.as_str(), fault(&nearly).place), ("a TOML file", Some((1, 7))));
+}
+
+#[test]
 fn malformed_qualisys_files_are_refused_with_their_place() {
     let good = text_of(Format::Qualisys);
     let attribute = |name: &str, to: &str| {
