@@ -97,7 +97,7 @@ pub(super) fn run(
     for said in said {
         whole.faults.failure("engine", now, &NodeError::program(said), "the run ended");
     }
-    Ok(conclude(&graph, whole, now, started.elapsed(), is_interrupted))
+    Ok(conclude(&graph, whole, now, started.elapsed(), is_interrupted, options))
 }
 
 /// A round of lanes that are ahead.

@@ -5,6 +5,7 @@
 
 mod busy;
 mod deterministic;
+mod dry;
 mod faults;
 mod gates;
 mod helpers;
@@ -59,6 +60,8 @@ pub struct Options {
     /// A run abandons a node that does not return from an activation within this time once the run should end; `None`: ten seconds. While
     /// the run goes on it waits six times as long.
     pub patience: Option<Duration>,
+    /// Whoever started the run cut it short: that a sink got nothing is no failure then.
+    pub is_cut_short: bool,
 }
 
 impl Options {
@@ -199,7 +202,14 @@ fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
 }
 
 /// Finishes all nodes and gathers what the run leaves behind.
-fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interrupted: bool) -> Outcome {
+fn conclude(
+    graph: &Graph,
+    mut stage: Stage,
+    ended: Time,
+    wall: Duration,
+    interrupted: bool,
+    options: &Options,
+) -> Outcome {
     let mut report = Report::default();
     stage.flush(ended);
     stage.finish(ended, &mut report);
@@ -217,6 +227,8 @@ fn conclude(graph: &Graph, mut stage: Stage, ended: Time, wall: Duration, interr
     });
     let unmet = unmet.collect();
     let (mut faults, gaps) = stage.faults.into_records();
+    let is_whole = !interrupted && !options.is_cut_short;
+    faults.extend(dry::causes(graph, &ledgers, &gaps, &faults, is_whole, ended));
     name_libraries(graph, &mut faults);
     Outcome { report, ledgers, unmet, faults, gaps, suspensions, ended, wall, interrupted }
 }

@@ -234,7 +234,7 @@ pub(super) fn run(
         }
     }
     let interrupted = options.must_stop();
-    let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted);
+    let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted, options);
     if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
         outcome.report.remark(format!(
             "`cost_ms` (of `{}`) is ignored in a live run: an activation takes the time it takes",

@@ -107,7 +107,6 @@ pub struct Decoder {
     faults: Vec<String>,
     /// Of sets that are refused: how many faults, and those of the first.
     n_refused_faults: usize,
-    first_refusal: Option<String>,
     remarks: Vec<String>,
     known: u64,
     lit: u64,
@@ -160,7 +159,6 @@ impl Node for Decoder {
             refused: 0,
             faults: Vec::new(),
             n_refused_faults: 0,
-            first_refusal: None,
             remarks: Vec::new(),
             known: 0,
             lit: 0,
@@ -186,7 +184,6 @@ impl Node for Decoder {
                 let faults: Vec<String> = faults.into_iter().map(|it| of_set(&set.value, it)).collect();
                 let reason = faults.join("; ");
                 // A gap tells it: it is no remark too.
-                self.first_refusal.get_or_insert_with(|| reason.clone());
                 io.gap(&MAP, set.time(), reason);
             }
         }
@@ -200,11 +197,6 @@ impl Node for Decoder {
         report.figure(format!("decoder.faults.{name}"), (self.faults.len() + self.n_refused_faults) as f64);
         report.figure(format!("decoder.known_share.{name}"), self.known as f64 / self.lit as f64);
         self.faults.iter().chain(&self.remarks).for_each(|it| report.remark(it.clone()));
-        if self.sets == 0 && self.refused > 0 {
-            let first = self.first_refusal.as_deref().unwrap_or_default();
-            let n = self.refused;
-            return Err(NodeError::input(format!("none of {n} sets of pictures could be decoded: {first}")));
-        }
         Ok(())
     }
 }

@@ -30,6 +30,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let options = Options {
         workers: args.workers.map(usize::from),
         paced: args.paced || (graph.paced && !args.unpaced),
+        is_cut_short: args.duration.is_some(),
         ..Options::default()
     };
     if let Err(sentence) = interrupt::stops(&options.stop) {

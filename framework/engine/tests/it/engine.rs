@@ -70,6 +70,29 @@ fn chain(counter: &str, middle: &str, shelf: &str) -> String {
 }
 
 #[test]
+fn a_sink_without_data_is_a_failure_of_the_first_node_that_gave_nothing_unless_the_run_was_cut_short() {
+    for engine in BOTH {
+        // Where the failure is, and whether it names the sink.
+        let failure = |counter: &str, is_cut_short: bool| {
+            let rig = chain(counter, "type = \"testkit.relay\"", &format!("nothing {engine:?}"));
+            let options = Options { workers: Some(3), is_cut_short, ..Options::default() };
+            let run = if engine == Engine::Live { engine::live } else { engine::deterministic };
+            let outcome = run(graph(&rig), &options, &mut |_| {}).unwrap();
+            assert!(outcome.faults.len() <= 1 && outcome.blame() != Some(Blame::Program), "{:?}", outcome.faults);
+            outcome.faults.first().map(|it| (it.instance.clone(), it.message.contains("`room.c`")))
+        };
+        let at_source = |names_sink: bool| Some(("room.a".to_owned(), names_sink));
+        assert_eq!(failure("count = 2", false), None);
+        assert_eq!(failure("count = 2\ngap_at = 0", false), None);
+        assert_eq!(failure("count = 0", false), at_source(true));
+        assert_eq!(failure("count = 0", true), None);
+        // All that a source had was refused: however short the run.
+        assert_eq!(failure("count = 1\ngap_at = 0", false), at_source(true));
+        assert_eq!(failure("count = 1\ngap_at = 0", true), at_source(false));
+    }
+}
+
+#[test]
 fn chain_delivers_everything_in_order() {
     for engine in BOTH {
         let shelf = format!("chain {engine:?}");
