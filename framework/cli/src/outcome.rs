@@ -53,7 +53,9 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
 /// Where the results are, which picture to open first, and the other files.
 fn files(text: &mut String, files: &[PathBuf], folder: &Path) {
     let is_picture = |it: &&PathBuf| it.extension().is_some_and(|it| it == "svg" || it == "png" || it == "html");
-    let (pictures, others): (Vec<_>, Vec<_>) = files.iter().partition(is_picture);
+    // Those that had to go elsewhere are all named.
+    let (elsewhere, files): (Vec<_>, Vec<_>) = files.iter().partition(|it| it.is_absolute());
+    let (pictures, others): (Vec<&PathBuf>, Vec<_>) = files.into_iter().partition(is_picture);
     let list = |names: &[&PathBuf]| {
         let mut shown: Vec<_> = names.iter().take(FILES_SHOWN).map(|it| it.display().to_string()).collect();
         if names.len() > FILES_SHOWN {
@@ -74,6 +76,9 @@ fn files(text: &mut String, files: &[PathBuf], folder: &Path) {
     }
     let _ = writeln!(text, "results: {}/", folder.display());
     let _ = writeln!(text, "  summary.json  {}", list(&others));
+    for it in elsewhere {
+        let _ = writeln!(text, "saved elsewhere: {}", it.display());
+    }
 }
 
 /// What went wrong, a line each, for who wants to read nothing else: failures of nodes, and promises marked `must` that were not kept.

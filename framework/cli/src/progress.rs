@@ -45,6 +45,11 @@ enum Kind {
     Other,
 }
 
+/// What a line on standard error begins with while another one may stand there that is rewritten.
+pub fn line_start() -> &'static str {
+    if std::io::stderr().is_terminal() { "\r\x1b[2K" } else { "" }
+}
+
 impl Line {
     /// For runs of `graph`.
     pub fn new(graph: &Graph) -> Self {

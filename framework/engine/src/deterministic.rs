@@ -62,6 +62,7 @@ pub(super) fn run(
     });
     let mut given_up: Option<Instant> = None;
     loop {
+        graph.host.tick(started.elapsed());
         match progress.recv_timeout(PROGRESS_PERIOD / 4) {
             Ok(it) => observe(&it),
             Err(RecvTimeoutError::Timeout) => {}

@@ -49,7 +49,9 @@ pub(crate) fn causes(
         node.is_cause = is_input && node.has_outputs && node.given == 0 && node.gaps > 0;
     }
     for sink in 0..nodes.len() {
-        if is_whole && role(&nodes[sink]) == Role::Sink && nodes[sink].taken == 0
+        if is_whole
+            && role(&nodes[sink]) == Role::Sink
+            && nodes[sink].taken == 0
             && let Some(cause) = cause(&nodes, sink)
         {
             nodes[cause].is_cause = true;
@@ -100,7 +102,8 @@ fn tallies(graph: &Graph, ledgers: &[Ledger], gaps: &[GapRecord]) -> Vec<Tally> 
             nodes[to].producers.push(from);
         }
     }
-    let places: BTreeMap<&str, usize> = graph.instances.iter().zip(&of).map(|(it, of)| (it.path.as_str(), *of)).collect();
+    let places: BTreeMap<&str, usize> =
+        graph.instances.iter().zip(&of).map(|(it, of)| (it.path.as_str(), *of)).collect();
     for gap in gaps {
         let Some(node) = places.get(gap.instance.as_str()).map(|it| &mut nodes[*it]) else { continue };
         node.gaps += gap.count;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use foveate_messages::Time;
 
+use foveate_node::Host;
 use foveate_node::error::{Blame, NodeError};
 use foveate_node::io::Gap;
 
@@ -44,11 +45,17 @@ const MORE: &str = "more, with other texts";
 /// Collects failures and gaps; bounded however long the run.
 #[derive(Debug, Default)]
 pub(crate) struct FaultLog {
+    /// Reports each failure when it occurs for the first time.
+    host: Host,
     faults: BTreeMap<String, Vec<FaultRecord>>,
     gaps: BTreeMap<String, Vec<GapRecord>>,
 }
 
 impl FaultLog {
+    pub(crate) fn reporting_to(host: Host) -> FaultLog {
+        FaultLog { host, ..FaultLog::default() }
+    }
+
     pub(crate) fn failure(&mut self, instance: &str, time: Time, error: &NodeError, action: &'static str) {
         if !self.faults.contains_key(instance) {
             self.faults.insert(instance.to_owned(), Vec::new());
@@ -57,14 +64,17 @@ impl FaultLog {
         let message = if records.len() < KEPT { error.message.as_str() } else { MORE };
         match records.iter_mut().find(|it| it.message == message && it.action == action) {
             Some(record) => record.count += 1,
-            None => records.push(FaultRecord {
-                instance: instance.to_owned(),
-                blame: error.blame,
-                message: message.to_owned(),
-                action,
-                time,
-                count: 1,
-            }),
+            None => {
+                self.host.warn(instance, message);
+                records.push(FaultRecord {
+                    instance: instance.to_owned(),
+                    blame: error.blame,
+                    message: message.to_owned(),
+                    action,
+                    time,
+                    count: 1,
+                });
+            }
         }
     }
 

@@ -212,6 +212,7 @@ pub(super) fn run(
     while threads.iter().zip(&watched).any(|it| !it.0.is_finished() && !it.1.is_lost()) {
         std::thread::sleep(if shared.is_over() { Duration::from_millis(1) } else { PROGRESS_PERIOD / 4 });
         let edges = shared.views.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        graph.host.tick(began.elapsed());
         observe(&Progress { now: shared.now(), wall: began.elapsed(), edges });
         let longest = patience(options.patience, shared.is_ending());
         for (watch, _) in watched.iter_mut().zip(&threads).filter(|it| !it.1.is_finished()) {

@@ -122,6 +122,7 @@ impl Stage {
     fn empty(graph: Arc<Graph>, gates: Arc<Gates>, out_dir: Option<PathBuf>) -> Stage {
         let (n_instances, n_edges) = (graph.instances.len(), graph.edges.len());
         Stage {
+            faults: FaultLog::reporting_to(graph.host.clone()),
             graph,
             gates,
             out_dir,
@@ -134,7 +135,6 @@ impl Stage {
             busy: BinaryHeap::new(),
             delivery: Delivery::default(),
             outbox: Outbox::default(),
-            faults: FaultLog::default(),
             queue_drops: Vec::new(),
             outgoing: Vec::new(),
             blocked: Vec::new(),

@@ -13,6 +13,7 @@ use foveate_scene::clocks::Clocks;
 use foveate_scene::heads::{CalibratedHead, Heads};
 
 use crate::error::ConfigError;
+use crate::host::Host;
 use crate::page::Pages;
 use crate::port::In;
 use crate::scale::ScaleTree;
@@ -63,6 +64,8 @@ pub struct Setup {
     pub claims: Claims,
     /// What serves pages to browsers while the rig runs.
     pub pages: Pages,
+    /// Who runs the rig.
+    pub host: Host,
 }
 
 /// Which node writes which file of the results, and the references between nodes.
@@ -133,6 +136,7 @@ impl Setup {
             purpose: Purpose::Run,
             claims: Claims::default(),
             pages: Pages::default(),
+            host: Host::default(),
         }
     }
 

@@ -19,6 +19,7 @@ use super::wire::{EdgeDraft, Wiring, wire};
 use crate::graph::{Edge, Graph, Instance, Queue, Requirement, Scale};
 use foveate_diagnostics::names::listed;
 use foveate_diagnostics::{Diagnostics, Findings};
+use foveate_node::Host;
 use foveate_node::node::Role;
 use foveate_node::page::Pages;
 use foveate_node::port::InputPolicy;
@@ -141,6 +142,7 @@ impl Finish<'_, '_> {
             rig_dir: self.rig_dir.clone(),
             claims: Claims::default(),
             pages: Pages::default(),
+            host: Host::default(),
             calibration: Arc::clone(self.calibration.as_ref()?),
             scales,
             places: places(self.scales),

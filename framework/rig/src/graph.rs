@@ -11,6 +11,7 @@ use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
 use foveate_diagnostics::Diagnostics;
+use foveate_node::Host;
 use foveate_node::Origin;
 use foveate_node::page::Pages;
 use foveate_node::port::InputPolicy;
@@ -48,6 +49,8 @@ pub struct Graph {
     pub claims: Claims,
     /// What serves pages to browsers while this graph runs; none unless the caller sets one.
     pub pages: Pages,
+    /// Reports failures at once while this graph runs; nothing unless the caller sets one.
+    pub host: Host,
     /// What is probably a mistake.
     pub warnings: Diagnostics,
 }
@@ -216,6 +219,7 @@ impl Graph {
             purpose,
             claims: self.claims.clone(),
             pages: self.pages.clone(),
+            host: self.host.clone(),
         }
     }
 
@@ -264,6 +268,7 @@ impl Graph {
             resolved: self.resolved.clone(),
             claims: self.claims.clone(),
             pages: self.pages.clone(),
+            host: self.host.clone(),
             warnings: Diagnostics::default(),
         }
     }

@@ -18,7 +18,6 @@ use super::settings;
 use crate::graph::{SINK_CAPACITY, scale_id};
 use foveate_diagnostics::names::{available, did_you_mean, likely, listed, shown};
 use foveate_diagnostics::{Findings, Span};
-use foveate_node::ConfigError;
 use foveate_node::given;
 use foveate_node::guard::guarded;
 use foveate_node::node::{Plan, Role};
@@ -26,6 +25,7 @@ use foveate_node::page::Pages;
 use foveate_node::registry::{NodeType, Registry, Settings};
 use foveate_node::scale::{ScalePlace, ScaleTree};
 use foveate_node::setup::{Claims, NameReference, Purpose, Setup};
+use foveate_node::{ConfigError, Host};
 use foveate_scene::selection::{SelectionError, select};
 
 /// A node after what can be said of it alone. What is `None` was at fault and has been reported.
@@ -225,6 +225,7 @@ impl Surroundings<'_> {
                 purpose: Purpose::Check,
                 claims: self.claims.clone(),
                 pages: Pages::default(),
+                host: Host::default(),
             };
             let (setting, message) = match guarded(|| settings.build(&setup).map(drop)) {
                 Ok(Ok(())) => continue,

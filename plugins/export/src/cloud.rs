@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use crate::csv::file_part;
 use crate::dots::Dots;
 use crate::gltf::cloud_glb;
-use crate::whole_file::WholeFile;
+use crate::whole_file::{Faults, WholeFile};
 
 ports! {
     CLOUD: In<PointCloud> = each("cloud").many().optional();
@@ -167,16 +167,17 @@ impl ExportCloud {
         let camera = calibration.cameras.get(usize::from(cloud.camera.0));
         let camera_name = camera.map_or_else(|| cloud.camera.0.to_string(), |it| it.name.clone());
         let stem = self.free_stem(&camera_name, &cloud.name, ending, sequence);
-        let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
+        let mut faults = Faults::default();
+        let mut put = |name: String, bytes: &[u8]| faults.note(self.file.named(name).write(bytes, &mut self.report));
         if self.settings.ply {
             let unit = if calibration.length_unit == LengthUnit::Metre { "metres" } else { "unit unknown" };
-            put(format!("{stem}.ply"), &ply(cloud, unit))?;
+            put(format!("{stem}.ply"), &ply(cloud, unit));
         }
         if self.settings.glb {
             let bytes = cloud_glb(cloud, &stem).map_err(|it| {
                 NodeError::input(format!("{stem}.glb would have {it} bytes, expected fewer than 4 GB"))
             })?;
-            put(format!("{stem}.glb"), &bytes)?;
+            put(format!("{stem}.glb"), &bytes);
         }
         let viewpoint = cloud.viewpoint.map(|it| it.camera_from_space);
         if let Some(camera_from_space) = viewpoint.or_else(|| Some(camera?.camera.camera_from_world))
@@ -211,10 +212,10 @@ impl ExportCloud {
                 ("normals", png::ColorType::Rgb, png::BitDepth::Eight, &normals),
             ] {
                 let picture = encoded([columns, rows], kind, bits, pixels).map_err(NodeError::input)?;
-                put(format!("{stem}_{ending}.png"), &picture)?;
+                put(format!("{stem}_{ending}.png"), &picture);
             }
         }
-        Ok(())
+        faults.end()
     }
 }
 

@@ -10,15 +10,13 @@ use std::path::{Path, PathBuf};
 
 use foveate::prelude::*;
 
-use crate::csv::file_part;
-use crate::row_file::create_new;
+use crate::pace::Pace;
+use crate::row_file::{create_new, refuge_name};
 
 /// Rows that may wait in memory before the file moves elsewhere [bytes].
 const WAITING_LIMIT: usize = 32 << 20;
 /// Rows are written when they exceed this [bytes].
 const MUCH: usize = 1 << 20;
-/// Longest session time until rows are written.
-const FLUSH_PERIOD: Interval = Interval(1_000_000_000);
 
 /// A file with a head and rows.
 #[derive(Debug)]
@@ -33,7 +31,7 @@ pub(crate) struct GrowingFile {
     /// Folder for the file where its own cannot be written.
     refuge_dir: PathBuf,
     refuge_name: String,
-    last_flush: Option<Time>,
+    pace: Pace,
 }
 
 /// The file as it is on the disk.
@@ -57,8 +55,8 @@ impl GrowingFile {
             waiting: Vec::new(),
             fault: None,
             refuge_dir: std::env::temp_dir(),
-            refuge_name: format!("foveate-{}-{name}", file_part(&setup.instance)),
-            last_flush: None,
+            refuge_name: refuge_name(&setup.instance, name),
+            pace: Pace::new(setup),
         }
     }
 
@@ -77,23 +75,17 @@ impl GrowingFile {
         self.waiting.len() >= MUCH && self.fault.is_none()
     }
 
-    /// Whether a second of session time has passed since the last flush, or much is waiting.
+    /// Whether a second has passed since the last flush, or much waits.
     pub(crate) fn is_due(&mut self, now: Time) -> bool {
-        let start = *self.last_flush.get_or_insert(now);
-        let is_due = now - start >= FLUSH_PERIOD || self.is_much();
-        if is_due {
-            self.last_flush = Some(now);
-        }
-        is_due
+        self.pace.is_due(now) || self.is_much()
     }
 
     /// Writes the waiting rows, then the head, which must keep its length.
     pub(crate) fn flush(&mut self, head: &[u8]) {
-        if self.folder.is_none() {
-            return self.waiting.clear();
-        }
+        let Some(path) = self.folder.as_ref().map(|it| it.join(&self.name)) else { return self.waiting.clear() };
         let Err(error) = self.write_out(head) else { return };
-        self.fault.get_or_insert_with(|| error.to_string());
+        let fault = self.fault.get_or_insert_with(|| error.to_string());
+        self.pace.warn(&path, fault);
         if self.waiting.len() > WAITING_LIMIT && !self.is_in_refuge() {
             // When this fails too the rows stay in memory.
             self.take_refuge(head).ok();
@@ -119,8 +111,11 @@ impl GrowingFile {
             return Ok(());
         };
         open.file.seek(SeekFrom::Start(open.head_bytes + open.row_bytes))?;
-        // What a full disk takes only in part is written over by the next flush.
-        open.file.write_all(&self.waiting)?;
+        if let Err(error) = open.file.write_all(&self.waiting) {
+            // What a full disk took of a row is taken back; where that fails the next flush writes over it.
+            open.file.set_len(open.head_bytes + open.row_bytes).ok();
+            return Err(error);
+        }
         open.row_bytes += self.waiting.len() as u64;
         self.waiting.clear();
         open.write_head(head)

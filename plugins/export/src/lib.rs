@@ -41,6 +41,7 @@ pub mod mark_pictures;
 pub mod marks;
 pub mod npz;
 pub mod overlay;
+mod pace;
 pub mod pictures;
 pub mod retarget;
 mod row_file;

@@ -5,19 +5,19 @@
 //! for temporary files.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use foveate::prelude::*;
 
 use crate::csv::file_part;
+use crate::pace::Pace;
+use crate::whole_file::Faults;
 
 /// Rows that may wait in memory before the table moves elsewhere [bytes].
 const WAITING_LIMIT: usize = 64 << 20;
 /// Attempted numbers for one name in the folder for temporary files.
 const REFUGE_TRIES: u32 = 1000;
-/// Longest session time until rows are written.
-const FLUSH_PERIOD: Interval = Interval(1_000_000_000);
 
 /// A file of rows.
 #[derive(Debug)]
@@ -33,7 +33,7 @@ pub(crate) struct RowFile {
     /// Folder for the table where its own cannot be written.
     refuge_dir: PathBuf,
     refuge_name: String,
-    last_flush: Option<Time>,
+    pace: Pace,
 }
 
 impl RowFile {
@@ -47,8 +47,8 @@ impl RowFile {
             fault: None,
             refuge: None,
             refuge_dir: std::env::temp_dir(),
-            refuge_name: format!("foveate-{}-{}", file_part(&setup.instance), name),
-            last_flush: None,
+            refuge_name: refuge_name(&setup.instance, name),
+            pace: Pace::new(setup),
         }
     }
 
@@ -59,12 +59,10 @@ impl RowFile {
         }
     }
 
-    /// Writes the waiting rows when a second of session time has passed, or when they are many.
+    /// Writes what waits when a second has passed, or when it is much.
     pub(crate) fn flush_when_due(&mut self, now: Time) {
-        let start = *self.last_flush.get_or_insert(now);
         let is_much = self.waiting.len() >= 1 << 16 && self.fault.is_none();
-        if now - start >= FLUSH_PERIOD || is_much {
-            self.last_flush = Some(now);
+        if self.pace.is_due(now) || is_much {
             self.flush();
         }
     }
@@ -73,7 +71,8 @@ impl RowFile {
         let Some(path) = &self.path else { return self.waiting.clear() };
         let result = write_out(&mut self.file, path, &mut self.waiting, &mut self.written);
         let Err(error) = result else { return };
-        self.fault.get_or_insert_with(|| error.to_string());
+        let fault = self.fault.get_or_insert_with(|| error.to_string());
+        self.pace.warn(path, fault);
         if self.waiting.len() > WAITING_LIMIT && self.refuge.is_none() {
             // When this fails too the rows stay in memory.
             self.take_refuge().ok();
@@ -137,7 +136,7 @@ impl RowFile {
     }
 }
 
-/// Writes as much of `waiting` as possible, and removes that from it.
+/// Writes as many rows of `waiting` as go, and takes them off it. What a full disk takes of a row is taken back.
 fn write_out(file: &mut Option<File>, path: &Path, waiting: &mut Vec<u8>, written: &mut u64) -> io::Result<()> {
     let open = match file {
         Some(open) => open,
@@ -153,12 +152,25 @@ fn write_out(file: &mut Option<File>, path: &Path, waiting: &mut Vec<u8>, writte
             Err(error) => break Err(error),
         }
     };
-    *written += done as u64;
+    let whole = waiting[..done].iter().rposition(|it| *it == b'\n').map_or(0, |it| it + 1);
+    *written += whole as u64;
+    if whole < done {
+        // A pipe or a device takes nothing back; what goes there is read as it comes.
+        match open.set_len(*written).and_then(|()| open.seek(SeekFrom::Start(*written))) {
+            Ok(_) => done = whole,
+            Err(_) => *written += (done - whole) as u64,
+        }
+    }
     waiting.drain(..done);
     result
 }
 
-/// Creates a new file `name`, with a number in front where the name is taken.
+/// What a file of a node is called in the folder for temporary files; its ending stays.
+pub(crate) fn refuge_name(instance: &str, name: &str) -> String {
+    format!("foveate-{}-{name}", file_part(instance))
+}
+
+/// A file that was not there before, `name` with a number in front where it is taken.
 pub(crate) fn create_new(folder: &Path, name: &str) -> Result<(PathBuf, File), String> {
     for number in 0..REFUGE_TRIES {
         let path = folder.join(if number == 0 { name.to_owned() } else { format!("{number}-{name}") });
@@ -181,11 +193,12 @@ pub(crate) fn write_pictures(
     pictures: &[(&str, String)],
     report: &mut Report,
 ) -> Result<(), NodeError> {
-    let write = |(name, text): &(&str, String)| {
-        write_whole(Some(folder), &format!("{prefix}{name}"), text.as_bytes(), report).err()
-    };
-    let faults: Vec<String> = pictures.iter().filter_map(write).collect();
-    if faults.is_empty() { Ok(()) } else { Err(NodeError::input(faults.join("; "))) }
+    let mut faults = Faults::default();
+    for (name, text) in pictures {
+        let written = write_whole(Some(folder), &format!("{prefix}{name}"), text.as_bytes(), report);
+        faults.note(written.map_err(NodeError::input));
+    }
+    faults.end()
 }
 
 /// Writes a small file completely or not at all, and names it in the report; does nothing where the run keeps no results.
@@ -205,6 +218,11 @@ pub(crate) fn write_whole(folder: Option<&Path>, name: &str, bytes: &[u8], repor
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+    use std::time::Duration;
+
+    use foveate::node::Host;
+
     use super::*;
 
     fn setup_in(folder: &Path) -> Setup {
@@ -230,6 +248,30 @@ mod tests {
         file.finish(&mut report).unwrap();
         assert_eq!(fs::read_to_string(folder.path().join("t.csv")).unwrap(), "a,b\n1,2\n3,4\n");
         assert_eq!(report.files, [PathBuf::from("t.csv")]);
+    }
+
+    #[test]
+    fn rows_are_on_the_disk_after_a_second_of_the_run_and_trouble_is_known_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let warned = Arc::new(Mutex::new(Vec::new()));
+        let list = Arc::clone(&warned);
+        let host = Host::new(move |instance, words| list.lock().unwrap().push(format!("{instance}: {words}")));
+        let setup = |path: &Path| Setup { host: host.clone(), ..setup_in(path) };
+        let mut file = RowFile::new(&setup(folder.path()), "t.csv", "a,b");
+        file.push("1,2\n");
+        file.flush_when_due(second(0));
+        assert!(!folder.path().join("t.csv").exists());
+        host.tick(Duration::from_millis(1000));
+        file.flush_when_due(second(0));
+        assert_eq!(fs::read_to_string(folder.path().join("t.csv")).unwrap(), "a,b\n1,2\n");
+        assert!(warned.lock().unwrap().is_empty());
+        let mut file = RowFile::new(&setup(&folder.path().join("gone")), "t.csv", "a");
+        for seconds in 2..5 {
+            host.tick(Duration::from_secs(seconds));
+            file.flush_when_due(second(0));
+            let warned = warned.lock().unwrap();
+            assert!(warned.len() == 1 && warned[0].starts_with("room.table: `"), "{warned:?}");
+        }
     }
 
     #[test]

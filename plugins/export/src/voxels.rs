@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::gltf::mesh_glb;
 use crate::surface::ply as mesh_ply;
-use crate::whole_file::WholeFile;
+use crate::whole_file::{Faults, WholeFile};
 
 ports! {
     VOXELS: In<Voxels> = each("voxels");
@@ -92,20 +92,21 @@ impl Node for ExportVoxels {
         self.written += 1;
         let stem = format!("voxels_{number:06}");
         let mesh = faces(&voxels.value);
-        let mut put = |name: String, bytes: &[u8]| self.file.named(name).write(bytes, &mut self.report);
+        let mut faults = Faults::default();
+        let mut put = |name: String, bytes: &[u8]| faults.note(self.file.named(name).write(bytes, &mut self.report));
         if ply {
-            put(format!("{stem}.ply"), &mesh_ply(&mesh, &stem))?;
+            put(format!("{stem}.ply"), &mesh_ply(&mesh, &stem));
         }
         if glb {
             let bytes = mesh_glb(&mesh, &stem).map_err(|it| {
                 NodeError::input(format!("{stem}.glb would have {it} bytes, expected fewer than 4 GB"))
             })?;
-            put(format!("{stem}.glb"), &bytes)?;
+            put(format!("{stem}.glb"), &bytes);
         }
         if points {
-            put(format!("{stem}_points.ply"), &points_ply(&voxels.value, inside))?;
+            put(format!("{stem}_points.ply"), &points_ply(&voxels.value, inside));
         }
-        Ok(())
+        faults.end()
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use foveate::prelude::*;
 
-use crate::csv::file_part;
-use crate::row_file::create_new;
+use crate::row_file::{create_new, refuge_name};
 
 /// Destination of a results file.
 #[derive(Debug, Clone)]
@@ -17,7 +16,7 @@ pub(crate) struct WholeFile {
     pub(crate) name: String,
     /// Folder for the file where its own cannot be written.
     refuge_dir: PathBuf,
-    refuge_name: String,
+    instance: String,
 }
 
 impl WholeFile {
@@ -27,7 +26,7 @@ impl WholeFile {
             folder: setup.out_dir.clone(),
             name: name.to_owned(),
             refuge_dir: std::env::temp_dir(),
-            refuge_name: format!("foveate-{}-{name}", file_part(&setup.instance)),
+            instance: setup.instance.clone(),
         }
     }
 
@@ -66,12 +65,29 @@ impl WholeFile {
     }
 
     fn take_refuge(&self, bytes: &[u8]) -> Result<PathBuf, String> {
-        let (path, mut file) = create_new(&self.refuge_dir, &self.refuge_name)?;
+        let (path, mut file) = create_new(&self.refuge_dir, &refuge_name(&self.instance, &self.name))?;
         let written = file.write_all(bytes).and_then(|()| file.sync_all());
         written.map(|()| path.clone()).map_err(|error| {
             fs::remove_file(&path).ok();
             format!("`{}`: {error}", path.display())
         })
+    }
+}
+
+/// What went wrong with several files, each of which is tried.
+#[derive(Default)]
+pub(crate) struct Faults(Vec<String>);
+
+impl Faults {
+    /// Keeps the words of what could not be written.
+    pub(crate) fn note(&mut self, written: Result<(), NodeError>) {
+        self.0.extend(written.err().map(|it| it.message));
+    }
+
+    /// # Errors
+    /// All of it.
+    pub(crate) fn end(self) -> Result<(), NodeError> {
+        if self.0.is_empty() { Ok(()) } else { Err(NodeError::input(self.0.join("; "))) }
     }
 }
 
@@ -110,6 +126,9 @@ mod tests {
         let saved = refuge.path().join("foveate-room.c3d-a.c3d");
         assert!(complaint.contains(saved.to_str().unwrap()), "{complaint}");
         assert_eq!(fs::read(saved).unwrap(), b"whole");
+        // Another one of the node keeps its own ending.
+        file.named("a-1.bvh".to_owned()).write(b"another", &mut Report::default()).unwrap_err();
+        assert_eq!(fs::read(refuge.path().join("foveate-room.c3d-a-1.bvh")).unwrap(), b"another");
         let nowhere = file_in(&refuge.path().join("gone"), &refuge.path().join("gone"));
         assert!(nowhere.write(b"whole", &mut Report::default()).unwrap_err().message.contains("it is lost"));
     }

@@ -161,7 +161,9 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written_over() {
     refused(at, &["compare", "walk.csv", "room.toml"], "`room.toml` is no motion file");
     // All forms that the command reads, on one line.
     fs::write(at.join("notes.txt"), "a walk of 4 s\n".repeat(1000)).unwrap();
-    for (command, other) in [(["convert", "notes.txt", "x.trc"], "Qualisys"), (["compare", "walk.csv", "notes.txt"], "PLY")] {
+    for (command, other) in
+        [(["convert", "notes.txt", "x.trc"], "Qualisys"), (["compare", "walk.csv", "notes.txt"], "PLY")]
+    {
         refused(at, &command, "C3D, TRC, BVH, NPZ");
         let (_, _, complaint) = foveate(at, &command);
         assert!(complaint.contains(other) && complaint.lines().count() == 1, "{complaint}");

@@ -114,9 +114,7 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
     let mut notes = Vec::new();
     let mut open = |name: &str, path: &PathBuf, metres_per_unit: Option<f64>| -> Result<(Motion, Value), String> {
         let form = kind_of(path).map_err(|it| format!("`{}` cannot be read: {it}", path.display()))?;
-        let none = || {
-            format!("`{}` is no motion file, expected {MOTION_FORMS}; or two PLY files", path.display())
-        };
+        let none = || format!("`{}` is no motion file, expected {MOTION_FORMS}; or two PLY files", path.display());
         let form = form.ok_or_else(|| nearly_table(path).unwrap_or_else(none))?;
         let read = load(path, form, &ReadOptions { metres_per_unit, up: None })?;
         lines.push(format!("{name}: {}", describe(path, &form.to_string(), &read.motion)));

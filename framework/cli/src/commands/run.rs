@@ -2,20 +2,23 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use foveate_engine::{self as engine, Options, Outcome, Progress};
-use foveate_node::{Pages, Registry};
+use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
 use foveate_web::Server;
 
 use super::{RunArgs, complain, load, load_quietly};
-use crate::outcome::{describe, exit_code, failures};
+use crate::outcome::{describe, exit_code, failures, harmless};
 use crate::output::say;
-use crate::progress::Line;
+use crate::progress::{Line, line_start};
 use crate::{exit, interrupt, results};
+
+/// Failures shown at most while a run goes on.
+const SHOWN: usize = 20;
 
 pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let overrides = Overrides { seed: args.seed, duration_s: args.duration, ..Overrides::default() };
@@ -26,6 +29,9 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     };
     let server = Arc::new(server(args));
     graph.pages = Pages::served_by(Arc::<Server>::clone(&server));
+    if !args.quiet {
+        graph.host = host();
+    }
     let graph = Arc::new(graph);
     let options = Options {
         workers: args.workers.map(usize::from),
@@ -64,6 +70,15 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
             complain(&sentence)
         }
     }
+}
+
+/// Shows the first failures as they come; all of them follow at the end.
+fn host() -> Host {
+    let n_shown = AtomicUsize::new(0);
+    Host::new(move |instance, words| match n_shown.fetch_add(1, Ordering::Relaxed) {
+        SHOWN.. => {}
+        _ => eprintln!("{}error: {instance}: {}", line_start(), harmless(words)),
+    })
 }
 
 /// The server of pages, which listens only where a rig has some.
@@ -106,7 +121,8 @@ fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options) -> Result<Out
 }
 
 fn conclude(args: &RunArgs, graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
-    let saved = results::write_outcome(folder, graph, outcome);
+    let complaints = results::write_outcome(folder, graph, outcome).err().unwrap_or_default();
+    complaints.iter().for_each(|it| eprintln!("error: {it}"));
     if args.quiet {
         failures(outcome).iter().for_each(|it| eprintln!("{it}"));
     } else {
@@ -114,13 +130,10 @@ fn conclude(args: &RunArgs, graph: &Graph, outcome: &Outcome, folder: &Path) -> 
     }
     let signal = interrupt::caught().filter(|_| outcome.interrupted);
     let code = signal.map_or(exit_code(outcome), |it| it.code);
-    match saved {
-        Ok(()) => code,
-        Err(complaints) => {
-            complaints.iter().for_each(|it| eprintln!("error: {it}"));
-            // What could not be saved must not be lost: the figures still reach the person.
-            eprintln!("summary.json would have been:\n{}", results::summary(outcome, graph.report_speed));
-            code.max(exit::INPUT)
-        }
+    if complaints.is_empty() {
+        return code;
     }
+    // What could not be saved must not be lost: the figures still reach the person.
+    eprintln!("summary.json would have been:\n{}", results::summary(outcome, graph.report_speed));
+    code.max(exit::INPUT)
 }

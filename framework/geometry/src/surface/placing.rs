@@ -166,7 +166,8 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
     }
     let (score, mut best) = best.ok_or(failed)?;
     let middle = middle(parts[0][0].iter().map(|it| it.position)).unwrap_or_else(Point3::origin);
-    let others = all.iter().filter(|it| it.0 >= AS_WELL * score).map(|it| apart(&it.1.b_from_a, &best.b_from_a, &middle));
+    let others =
+        all.iter().filter(|it| it.0 >= AS_WELL * score).map(|it| apart(&it.1.b_from_a, &best.b_from_a, &middle));
     let other = others.filter(|it| is_other(*it, b.extent())).next();
     best.other = best.other.or(other);
     Ok(best)
@@ -275,8 +276,7 @@ fn place_part(
     let is_as_good = |it: &&(f64, Placing)| {
         it.0 >= AS_WELL * best_worth && it.1.sigma < placing.sigma / AS_WELL && search.is_other(&it.1.b_from_a, &chosen)
     };
-    placing.other =
-        adjusted_ones.iter().find(is_as_good).map(|(_, it)| apart(&it.b_from_a, &chosen, &search.middle()));
+    placing.other = adjusted_ones.iter().find(is_as_good).map(|(_, it)| apart(&it.b_from_a, &chosen, &search.middle()));
     Ok(placing)
 }
 

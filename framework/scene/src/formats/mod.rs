@@ -337,7 +337,10 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
             // The real-time protocol wraps it in an element named after its version.
             "calibration" => qualisys::load(path, &document),
             _ if root.starts_with("QTM_Parameters") => qualisys::load(path, &document),
-            _ => Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), CALIBRATION_FORMS).into()),
+            _ => {
+                Err(CalibrationDiagnostic::of_file(path, format!("XML with the root <{root}>"), CALIBRATION_FORMS)
+                    .into())
+            }
         };
     }
     if rings::is_table(start) {

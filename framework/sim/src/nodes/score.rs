@@ -1,11 +1,14 @@
 //! Compares recovered targets with the truth: figures, and the truth as a file.
 
+use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use foveate_messages::Targets;
-use foveate_node::{ConfigError, Figures, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports};
+use foveate_node::{
+    ConfigError, Figures, Host, Io, Node, NodeError, Ports, Purpose, Report, Role, Setup, figures, ports,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -95,7 +98,12 @@ impl Node for Score {
         Ok(Self {
             label: settings.label.clone(),
             scorer: Scorer::new(settings.gate_mm * 1e-3, settings.start_s, setup.volume_m),
-            truth_file: TruthFile { path: folder.map(|it| it.join(TRUTH_FILE)), state: State::NotYet },
+            truth_file: TruthFile {
+                path: folder.map(|it| it.join(TRUTH_FILE)),
+                state: State::NotYet,
+                host: setup.host.clone(),
+                instance: setup.instance.clone(),
+            },
         })
     }
 
@@ -123,15 +131,17 @@ impl Node for Score {
     }
 }
 
-/// `truth.csv`. An error ends the writing, not the scoring, and is reported at the end.
+/// `truth.csv`, in whole rows at any time. An error ends the writing, not the scoring; it is reported at once and at the end.
 struct TruthFile {
     path: Option<PathBuf>,
     state: State,
+    host: Host,
+    instance: String,
 }
 
 enum State {
     NotYet,
-    Open(BufWriter<File>),
+    Open(File),
     Failed(std::io::Error),
 }
 
@@ -139,17 +149,21 @@ impl TruthFile {
     fn write(&mut self, truth: &Targets) {
         let Some(path) = &self.path else { return };
         if let State::NotYet = self.state {
-            let opened = File::create(path).and_then(|file| {
-                let mut file = BufWriter::new(file);
+            let opened = File::create(path).and_then(|mut file| {
                 file.write_all(b"time_s,target,x_m,y_m,z_m\n")?;
                 Ok(file)
             });
             self.state = opened.map_or_else(State::Failed, State::Open);
+        } else if let State::Failed(_) = self.state {
+            return;
         }
         if let State::Open(file) = &mut self.state
-            && let Err(error) = write_rows(file, truth)
+            && let Err(error) = file.write_all(rows(truth).as_bytes())
         {
             self.state = State::Failed(error);
+        }
+        if let State::Failed(error) = &self.state {
+            self.host.warn(&self.instance, &format!("`{}` cannot be written ({error})", path.display()));
         }
     }
 
@@ -157,7 +171,7 @@ impl TruthFile {
         let Some(path) = &self.path else { return Ok(()) };
         let flushed = match &mut self.state {
             State::NotYet => return Ok(()),
-            State::Open(file) => file.flush(),
+            State::Open(_) => Ok(()),
             State::Failed(error) => Err(std::io::Error::new(error.kind(), error.to_string())),
         };
         match flushed {
@@ -173,12 +187,15 @@ impl TruthFile {
     }
 }
 
-fn write_rows(file: &mut impl Write, truth: &Targets) -> std::io::Result<()> {
+fn rows(truth: &Targets) -> String {
     let time = truth.time.as_s();
-    truth.list.iter().try_for_each(|target| {
+    let mut text = String::new();
+    for target in &truth.list {
         let p = target.position;
-        writeln!(file, "{time:.6},{},{:.6},{:.6},{:.6}", target.id.0, p.x, p.y, p.z)
-    })
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{time:.6},{},{:.6},{:.6},{:.6}", target.id.0, p.x, p.y, p.z);
+    }
+    text
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::{Course, bvh, skin};
 use crate::bvh::Unit;
 use crate::csv::{check_file_name, fixed};
 use crate::row_file::RowFile;
-use crate::whole_file::WholeFile;
+use crate::whole_file::{Faults, WholeFile};
 
 ports! {
     SKELETONS: In<Skeletons> = each("skeletons");
@@ -122,9 +122,9 @@ impl Node for ExportBodies {
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         report.figure("bodies.count", self.courses.len() as f64);
         report.figure("bodies.rows", self.n_rows as f64);
-        let written = self.table.finish(report);
         let mut held = 0;
-        let mut result = written;
+        let mut faults = Faults::default();
+        faults.note(self.table.finish(report));
         for course in &self.courses {
             let lasted = course.frames.first().zip(course.frames.last()).map_or(0.0, |(a, b)| (b.0 - a.0).as_s());
             if self.settings.bvh.is_empty() || lasted * 1e3 < self.settings.least_ms {
@@ -134,7 +134,7 @@ impl Node for ExportBodies {
             let Some((motion, n_held)) = bvh::motion(course, per_m) else { continue };
             held += n_held;
             let file = self.whole.named(format!("{}-{}.bvh", self.settings.bvh, course.id));
-            result = result.and(file.write(motion.to_bvh().as_bytes(), report));
+            faults.note(file.write(motion.to_bvh().as_bytes(), report));
         }
         report.figure("bodies.bvh_frames_held", held as f64);
         if !self.settings.glb.is_empty() && self.whole.is_wanted() && !self.courses.is_empty() {
@@ -146,9 +146,9 @@ impl Node for ExportBodies {
                     self.settings.glb
                 ))),
             };
-            result = result.and(written);
+            faults.note(written);
         }
-        result
+        faults.end()
     }
 }
 

@@ -31,7 +31,7 @@ use serde::{Deserialize, Serialize};
 use self::glb::Rigged;
 use crate::bodies::{Course, bvh};
 use crate::csv::check_file_name;
-use crate::whole_file::WholeFile;
+use crate::whole_file::{Faults, WholeFile};
 
 ports! {
     SKELETONS: In<Skeletons> = each("skeletons").optional();
@@ -203,11 +203,12 @@ impl Node for ExportRetarget {
             Rig::Bvh(rig) => as_motion(rig, &poses, motion.frame_s).map_err(wrong)?.to_bvh().into_bytes(),
             Rig::Glb(rig) => rig.moved(&poses, motion.frame_s).map_err(NodeError::input)?,
         };
-        self.file.write(&bytes, report)?;
-        match &self.picture {
-            Some(picture) => picture.write(picture::svg(&joints, &poses, motion.frame_s).as_bytes(), report),
-            None => Ok(()),
+        let mut faults = Faults::default();
+        faults.note(self.file.write(&bytes, report));
+        if let Some(picture) = &self.picture {
+            faults.note(picture.write(picture::svg(&joints, &poses, motion.frame_s).as_bytes(), report));
         }
+        faults.end()
     }
 }
 

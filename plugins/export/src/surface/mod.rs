@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cloud::encoded;
 use crate::gltf::mesh_glb;
-use crate::whole_file::WholeFile;
+use crate::whole_file::{Faults, WholeFile};
 use view::Frame;
 
 ports! {
@@ -169,14 +169,16 @@ impl ExportSurface {
             false => self.settings.name.clone(),
         };
         let report = &mut self.report;
-        let mut put = |ending: &str, bytes: &[u8]| self.file.named(format!("{name}{ending}")).write(bytes, report);
+        let mut faults = Faults::default();
+        let mut put =
+            |ending: &str, bytes: &[u8]| faults.note(self.file.named(format!("{name}{ending}")).write(bytes, report));
         if self.settings.ply {
-            put(".ply", &ply(mesh, &name))?;
+            put(".ply", &ply(mesh, &name));
         }
         if self.settings.glb {
             let too_large =
                 |it| NodeError::input(format!("{name}.glb would have {it} bytes, expected fewer than 4 GB"));
-            put(".glb", &mesh_glb(mesh, &name).map_err(too_large)?)?;
+            put(".glb", &mesh_glb(mesh, &name).map_err(too_large)?);
         }
         if self.settings.pictures {
             self.frame = self.frame.or_else(|| Frame::of(mesh, &self.cameras, self.settings.height_px));
@@ -184,13 +186,13 @@ impl ExportSurface {
         if let Some(view) = self.frame.map(|it| it.view(mesh)) {
             let range = view.range(1e-3 * self.settings.range_unit_mm);
             let gray = png::ColorType::Grayscale;
-            put("_range.png", &encoded(view.size, gray, png::BitDepth::Sixteen, &range).map_err(NodeError::input)?)?;
+            put("_range.png", &encoded(view.size, gray, png::BitDepth::Sixteen, &range).map_err(NodeError::input)?);
             put(
                 "_shaded.png",
                 &encoded(view.size, gray, png::BitDepth::Eight, &view.shaded).map_err(NodeError::input)?,
-            )?;
+            );
         }
-        Ok(())
+        faults.end()
     }
 }
 

@@ -462,8 +462,14 @@ mod tests {
         // A ball of points beside the hill.
         let mut random = foveate_estimation::random::Random::new(3);
         let header = "ply\nformat ascii 1.0\ncomment metres\nelement vertex 3000\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-        let ball: String = (0..3000).map(|_| format!("{} {} {}\n", 0.1 * random.normal(), 0.1 * random.normal(), 0.1 * random.normal())).collect();
-        let (code, figures) = compared(&format!("{header}{ball}"), &hill(61, &Isometry3::identity(), 1.0, "comment metres\n"), &["--scale", "--within", "1"]);
+        let ball: String = (0..3000)
+            .map(|_| format!("{} {} {}\n", 0.1 * random.normal(), 0.1 * random.normal(), 0.1 * random.normal()))
+            .collect();
+        let (code, figures) = compared(
+            &format!("{header}{ball}"),
+            &hill(61, &Isometry3::identity(), 1.0, "comment metres\n"),
+            &["--scale", "--within", "1"],
+        );
         assert_ne!(code, Ok(exit::DONE), "{figures:#}");
     }
 
@@ -471,7 +477,11 @@ mod tests {
     fn coverage_is_given_both_ways_and_a_place_of_little_overlap_is_remarked_on() {
         let whole = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
         let (_, figures) = compared(&whole, &whole, &["--align"]);
-        assert_eq!((figures["coverage"].as_f64(), figures["coverage_of_a"].as_f64()), (Some(1.0), Some(1.0)), "{figures:#}");
+        assert_eq!(
+            (figures["coverage"].as_f64(), figures["coverage_of_a"].as_f64()),
+            (Some(1.0), Some(1.0)),
+            "{figures:#}"
+        );
         assert_eq!(figures["notes"].as_array().map(Vec::len), Some(0), "{figures:#}");
         // A: the hill, and twice as many points elsewhere.
         let (header, points) = whole.split_once("end_header\n").unwrap();
@@ -481,8 +491,15 @@ mod tests {
         let scan = format!("{}end_header\n{points}{more}", header.replace("3721", "11163"));
         let (code, figures) = compared(&scan, &whole, &["--align", "--within", "1", "--farthest", "5"]);
         assert!(figures["b_from_a"]["overlap"].as_f64().unwrap() < 0.4, "{figures:#}");
-        assert!(figures["coverage_of_a"].as_f64().unwrap() < 0.4 && figures["coverage"].as_f64().unwrap() > 0.9, "{figures:#}");
-        assert_eq!((code, figures["notes"].to_string().contains("of A lies on B")), (Ok(exit::UNMET), true), "{figures:#}");
+        assert!(
+            figures["coverage_of_a"].as_f64().unwrap() < 0.4 && figures["coverage"].as_f64().unwrap() > 0.9,
+            "{figures:#}"
+        );
+        assert_eq!(
+            (code, figures["notes"].to_string().contains("of A lies on B")),
+            (Ok(exit::UNMET), true),
+            "{figures:#}"
+        );
     }
 
     #[test]

@@ -4,7 +4,9 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use foveate_motion::forms::MOTION_FORMS;
-use foveate_scene::{CALIBRATION_FORMS, Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit};
+use foveate_scene::{
+    CALIBRATION_FORMS, Calibration, DltOrigin, Export, ExportContent, Format, ImportOptions, LengthUnit,
+};
 
 use super::{ConvertArgs, FromUp};
 use crate::commands::complain;
