@@ -97,7 +97,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "web",
         ],
     ),
-    ("tests", &[]),
+    ("tests", &["testkit"]),
     ("examples", &["cli", "embed", "foveate"]),
 ];
 

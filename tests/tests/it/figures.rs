@@ -167,7 +167,7 @@ fn printed_results_are_headlines_with_their_units() {
     assert!(line("Apples").ends_with(" apples") && line("targets off the truth").ends_with(" mm"), "{said}");
     assert!(!line("part of the truth").ends_with("share"), "{said}");
     // A figure without a headline is for the file.
-    assert!(outcome.report.figures.contains_key("gospa_mm") && !said.contains("gospa"), "{said}");
+    assert!(outcome.report.figures.keys().any(|it| it.contains("gospa")) && !said.contains("gospa"), "{said}");
     assert!(line("open ").contains("path_top.svg"), "{said}");
 }
 

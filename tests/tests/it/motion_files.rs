@@ -150,7 +150,7 @@ fn what_cannot_be_converted_is_refused_and_nothing_is_written_over() {
     refused(at, &["convert", "header.csv", "x.trc"], "found no samples: 0 points in 0 frames");
     let exchanged = walk.replace("head", "h").replace("left_wrist", "head").replace(",h\n", ",left_wrist\n");
     fs::write(at.join("exchanged.csv"), exchanged).unwrap();
-    refused(at, &["convert", "exchanged.csv", "x.bvh"], "this is a body: --joints 'head=left_wrist,waist=waist");
+    refused(at, &["convert", "exchanged.csv", "x.bvh"], "--joints 'head=left_wrist,waist=waist");
     done(at, &["convert", "exchanged.csv", "as_it_is.bvh", "--any-proportions"]);
     let legs = fs::read_to_string(at.join("walk.csv")).unwrap().replace("shoulder", "knee");
     fs::write(at.join("legs.csv"), legs).unwrap();

@@ -276,7 +276,7 @@ fn a_projector_that_shows_all_pictures_too_late_is_told_and_its_pictures_taken_f
         let (n, wrong, _) = judge(map, number);
         assert!(wrong * 1000 <= n, "picture {number}: {n} pixels, {wrong} wrong");
     }
-    let words = "found pictures that show pattern 3 of the code, expected pattern 0 as was said";
+    let words = "found pictures that show pattern 3 of the code, expected pattern 0 ";
     let late = |pattern: usize| words.replace('3', &((pattern + 3) % 4).to_string()).replace('0', &pattern.to_string());
     let remarks = &found.report.remarks;
     assert!((0..4).any(|it| remarks.iter().any(|remark| remark.contains(&late(it)))), "{remarks:?}");
@@ -368,8 +368,8 @@ fn a_wrong_first_picture_of_a_recording_is_refused_with_the_right_one() {
     for wrong in [0, 1, 3] {
         let (maps, report) = read(Some(wrong), 0, None);
         assert!(maps.is_empty(), "{wrong}: {} maps", maps.len());
-        let words = format!("shows pattern 2 of the code, and not pattern {wrong} as `first_shows` says");
-        assert!(report.remarks.iter().any(|it| it.contains(&words)), "{:?}", report.remarks);
+        let words = ["pattern 2 of", &format!("pattern {wrong} as"), "`first_shows = 2`"];
+        assert!(report.remarks.iter().any(|it| words.iter().all(|words| it.contains(words))), "{:?}", report.remarks);
     }
 }
 

@@ -178,7 +178,7 @@ fn crept(code: &StripeCode, way: impl Fn(f64) -> f64) -> PatternPictures {
 #[test]
 fn a_set_that_crept_far_is_decoded_as_its_first_picture_saw_it() {
     let code = StripeCode::gray([64, 48]);
-    for (px, words) in [(0.6, "crept by 0.6"), (4.0, "crept by 4"), (5.0, "crept")] {
+    for (px, words) in [(0.6, "drifted by 0.6"), (4.0, "drifted by 4"), (5.0, "drifted")] {
         let (map, said) = run(crept(&code, |it| px * it));
         assert!(said.contains(words), "{px} px: {said}");
         let map = map.unwrap();

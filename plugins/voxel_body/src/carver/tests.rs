@@ -296,7 +296,7 @@ fn a_camera_that_is_off_by_less_than_a_body_is_left_out_and_named_with_its_shift
         check_remark(
             &remarks(&said, settings, set.clone()),
             &format!(
-                "{name}: left out of 1 of 1 sets, for it contradicts the others: its silhouettes lie {} px {side}",
+                "{name}: left out of 1 of 1 sets because it contradicts the others: its silhouettes are {} px {side}",
                 px.abs()
             ),
         );
