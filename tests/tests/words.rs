@@ -47,8 +47,14 @@ const WORDS: [(&str, &str); 40] = [
     ("goes on as", "continues as"),
 ];
 
-/// Files that may hold a word, and why.
+/// Files that may hold any word, and why.
 const EXCEPTIONS: [(&str, &str); 1] = [("tests/tests/words.rs", "names the words")];
+
+/// String literals of a file that may hold a word because they name a figure, and why.
+const NAMES: [(&str, &str, &str); 2] = [
+    ("plugins/voxel_body/src/carver.rs", "\"voxels.nobody\"", "name of a figure in existing results"),
+    ("plugins/voxel_body/src/carver.rs", "\"nobody\"", "last part of that name"),
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -161,7 +167,8 @@ fn plain_words_are_used() {
         } else {
             text.lines().enumerate().map(|it| (it.0 + 1, it.1)).collect()
         };
-        for (line, piece) in pieces {
+        let is_name = |piece: &str| NAMES.iter().any(|it| it.0 == name && it.1 == piece);
+        for (line, piece) in pieces.into_iter().filter(|it| !is_name(it.1)) {
             for (word, instead) in unwanted(piece) {
                 complaints.push(format!("{name}:{line}: `{word}`, write: {instead}"));
             }

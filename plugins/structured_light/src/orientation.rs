@@ -22,9 +22,10 @@ const OTHER_WAY: f64 = 0.8;
 /// The same of the way that it should change itself, at most, for the picture to be mirrored [–].
 const AGAINST: f64 = -0.5;
 
-/// Why a map cannot be what the calibration says: how a coordinate changes over the camera's picture follows from how camera and projector stand, and little from the surface, of which
-/// only slopes along the epipolar lines turn it, and never round. So columns alone that are rows, or the other way round, are told, and pictures that are mirrored or turned; `None` where all agrees. Both coordinates that
-/// are exchanged contradict each other by themselves.
+/// Why a map contradicts the calibration; `None` where they agree. The poses of camera and projector determine the
+/// direction in which a coordinate grows over the camera's picture. The surface changes that direction little: only by
+/// slopes along the epipolar lines, and never to the opposite. So the check finds columns that are rows (or the
+/// reverse), and mirrored or turned pictures. Two exchanged coordinates contradict each other without this check.
 pub(crate) fn wrong_way(camera: &Camera, projector: &Camera, map: &ProjectorMap) -> Option<String> {
     let [columns, rows] = [0, 1].map(|axis| changes(camera, projector, map, axis));
     if let Some((axis, one)) = match (&columns, &rows) {

@@ -47,7 +47,7 @@ pub fn triangulate(
     triangulate_ray(|| camera.ray(pixel), projector, sample)
 }
 
-/// The same of a ray that is asked for where a coordinate is known.
+/// The same with a ray that is computed only where a coordinate is known.
 #[inline]
 pub fn triangulate_ray(
     ray: impl FnOnce() -> Option<Ray>,

@@ -7,8 +7,9 @@ use foveate::prelude::*;
 
 use super::{Boundaries, MOST_OTHERS};
 
-/// A projector or a recording goes on as before as long as this part of the known boundaries of the last pictures holds against their neighbours: of rendered recordings 0.74 and more do, and 0.37 at most of pictures taken for
-/// others than they are [–] …
+/// Tracking restarts when neighbours confirm less than this part of the known boundaries of the last pictures. Measured
+/// on rendered recordings: 0.74 or more with the right pictures, 0.37 at most with pictures taken for others than they
+/// are [–] …
 const LEAST_HELD: f32 = 0.45;
 /// … of which so many are needed before they say anything.
 const LEAST_KNOWN: f32 = 400.0;
@@ -54,17 +55,17 @@ impl Boundaries {
             self.begin_anew();
         }
         // What a camera that does not turn sees moves by nothing in common.
-        let (told, has_pose) = ((said + self.ahead) % FRAMES, self.has_pose);
+        let (expected, has_pose) = ((said + self.ahead) % FRAMES, self.has_pose);
         if let Some(mut turns) = self.turns.take() {
             turns.set_pitch(self.tracker.options().pitch);
             let mut off = [0.0; FRAMES];
             if let Some((pictures, foretold)) = by {
                 turns.predict(pictures, foretold);
                 if has_pose {
-                    off = turns.align(edges, told);
+                    off = turns.align(edges, expected);
                 }
             }
-            turns.update(edges, told);
+            turns.update(edges, expected);
             let Some(ahead) = turns.decided() else {
                 self.turns = Some(turns);
                 return Followed { lines: None, off: 0.0 };
@@ -81,15 +82,17 @@ impl Boundaries {
         if let Some((pictures, foretold)) = by {
             self.tracker.predict(pictures, foretold);
             if has_pose {
-                off = self.tracker.align(edges, told);
+                off = self.tracker.align(edges, expected);
             }
         }
         let agreement = self.tracker.agreement(edges);
-        let shows = agreement.shows(told);
-        let Some(shown) = shows.picture(told) else { return self.lose_track(edges, told, &agreement, time, off) };
+        let shows = agreement.shows(expected);
+        let Some(shown) = shows.picture(expected) else {
+            return self.lose_track(edges, expected, &agreement, time, off);
+        };
         // What is between two pictures says nothing of one that was passed over.
         let was_unclear = std::mem::take(&mut self.unclear) > 0;
-        self.note_other(shows, told, time);
+        self.note_other(shows, expected, time);
         self.tracker.update(edges, shown);
         self.taken += 1;
         self.shown_last[shown] = self.taken;
@@ -103,22 +106,22 @@ impl Boundaries {
                 100.0 * LEAST_HELD
             );
             self.note("doubt", time, &fault);
-            self.begin_with(edges, told);
+            self.begin_with(edges, expected);
             return Followed { lines: None, off };
         }
         Followed { lines: (self.borne_out(one, time) && !was_unclear).then_some(lines), off }
     }
 
     /// Forgets all tracks, and begins with a picture.
-    fn begin_with(&mut self, edges: &Edges, told: usize) {
+    fn begin_with(&mut self, edges: &Edges, expected: usize) {
         self.begin_anew();
         if let Some(turns) = &mut self.turns {
-            turns.update(edges, told);
+            turns.update(edges, expected);
         }
     }
 
     /// A picture that is none of the four for the boundaries that are known: it is skipped, and where the next one is no better, tracking restarts with that.
-    fn lose_track(&mut self, edges: &Edges, told: usize, agreement: &Agreement, time: Time, off: f32) -> Followed {
+    fn lose_track(&mut self, edges: &Edges, expected: usize, agreement: &Agreement, time: Time, off: f32) -> Followed {
         let most = agreement.fits.iter().max().copied().unwrap_or(0);
         let fault = format!(
             "{most} of {} known boundaries fit the best of the four patterns, expected most: the surface has jumped, moves too fast, or the light has changed",
@@ -127,29 +130,29 @@ impl Boundaries {
         self.note("unclear", time, &fault);
         self.unclear += 1;
         if self.unclear > MOST_UNCLEAR {
-            self.begin_with(edges, told);
+            self.begin_with(edges, expected);
         }
         Followed { lines: None, off }
     }
 
     /// Notes that another pattern is shown than requested; after some in a row pictures are taken to be so many ahead.
-    fn note_other(&mut self, shows: Shows, told: usize, time: Time) {
+    fn note_other(&mut self, shows: Shows, expected: usize, time: Time) {
         let Shows::Instead(instead) = shows else {
             self.others = 0;
             return;
         };
         let fault = match &self.recorded {
             Some(_) => format!(
-                "the picture shows pattern {instead} of the code, expected pattern {told} after those before: the projector dropped a frame, or one is missing in the recording"
+                "the picture shows pattern {instead} of the code, expected pattern {expected} after those before: the projector dropped a frame, or one is missing in the recording"
             ),
             None => format!(
-                "the projector shows picture {instead} of the code, expected picture {told} as requested: it dropped a frame, or `latency_ms` is wrong"
+                "the projector shows picture {instead} of the code, expected picture {expected} as requested: it dropped a frame, or `latency_ms` is wrong"
             ),
         };
         self.note("dropped", time, &fault);
         self.others += 1;
         if self.others > MOST_OTHERS {
-            self.ahead = (self.ahead + instead + FRAMES - told) % FRAMES;
+            self.ahead = (self.ahead + instead + FRAMES - expected) % FRAMES;
             self.others = 0;
         }
     }
@@ -182,14 +185,14 @@ impl Boundaries {
         if self.wrong_first.is_some() {
             return false;
         }
-        let (told, shown) = ((said + self.ahead) % FRAMES, (said + self.ahead + ahead) % FRAMES);
+        let (expected, shown) = ((said + self.ahead) % FRAMES, (said + self.ahead + ahead) % FRAMES);
         let is_first = !std::mem::replace(&mut self.is_decided, true);
         match (self.settings.first_shows.filter(|_| self.recorded.is_some()), ahead) {
             (_, 0) => {}
             (Some(first), _) if is_first => {
                 self.wrong_first = Some((first, (first + ahead as u32) % FRAMES as u32));
             }
-            // Nobody said what the first picture shows.
+            // The rig does not state what the first picture shows.
             (None, _) if is_first && self.recorded.is_some() => {}
             _ => {
                 let why = if self.recorded.is_some() {
@@ -198,7 +201,7 @@ impl Boundaries {
                     "is `latency_ms` right?"
                 };
                 let fault = format!(
-                    "found pictures that show pattern {shown} of the code, expected pattern {told} as stated: {why} From here on the patterns that they show are used"
+                    "found pictures that show pattern {shown} of the code, expected pattern {expected} as stated: {why} From here on the patterns that they show are used"
                 );
                 self.note("turn", time, &fault);
             }

@@ -31,13 +31,13 @@ pub(super) struct Stage {
     active: Option<Client>,
     /// Number of the next set that is begun.
     next_set: u64,
-    /// The set that is on its way, from when it is asked for.
+    /// The set in progress, from its request on.
     set: u64,
     /// What is on the screen.
     current: Option<Current>,
     /// With `advance = "image"` or `"key"`, during a pause: when the next set begins.
     rests_until: Option<Time>,
-    /// The picture after the current one was asked for.
+    /// Whether the picture after the current one was requested.
     is_asked: bool,
     n_sets: u64,
     n_pictures: u64,

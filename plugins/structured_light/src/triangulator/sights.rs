@@ -20,7 +20,8 @@ impl Seen {
     pub const NONE: Seen = Seen { depth: f32::NAN, sigma: f32::NAN, inverse_z: f32::NAN };
 }
 
-/// Pixels of a camera without lens and principal point, row by row, NaN where there is no line of sight; empty before they are asked for, and for cameras of many pixels.
+/// Pixels of a camera without lens and principal point, row by row, NaN where there is no line of sight; empty before
+/// the first use, and for cameras with many pixels.
 #[derive(Default)]
 pub(super) struct Ideals(Vec<Vector2<f64>>);
 
