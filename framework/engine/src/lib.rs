@@ -60,7 +60,7 @@ pub struct Options {
     /// A run abandons a node that does not return from an activation within this time once the run should end; `None`: ten seconds. While
     /// the run goes on it waits six times as long.
     pub patience: Option<Duration>,
-    /// Whoever started the run cut it short: that a sink got nothing is no failure then.
+    /// The run has a time limit; a sink that got nothing is then no failure.
     pub is_cut_short: bool,
 }
 

@@ -1,8 +1,9 @@
 //! A picture at several resolutions, each half of the one before.
 //!
-//! Each level is the one before, smoothed by the binomial (1 4 6 4 1)/16 in both directions and thinned out by two: P. J. Burt,
-//! E. H. Adelson, "The Laplacian pyramid as a compact image code", IEEE Trans. Communications 31(4), 1983. Beyond its border a
-//! picture goes on as its outermost pixels. Pixel (x, y) of level l lies at (2ˡ x, 2ˡ y) of the picture.
+//! Each level is the one before, smoothed by the binomial (1 4 6 4 1)/16 in both directions and thinned out by two:
+//! P. J. Burt, E. H. Adelson, "The Laplacian pyramid as a compact image code", IEEE Trans. Communications 31(4), 1983.
+//! Beyond its border a picture repeats its outermost pixels. Pixel (x, y) of level l lies at (2ˡ x, 2ˡ y) of the
+//! picture.
 
 use crate::ImageView;
 

@@ -55,14 +55,14 @@ pub enum SceneError {
         /// Its name.
         space: String,
     },
-    /// A space whose target is lost, asked for a time after its last pose.
-    #[error("space {space:?} is suspended: its last pose is of {last_ns} ns, asked for {time_ns} ns")]
+    /// The target of the space is lost, and the requested time is after its last pose.
+    #[error("space {space:?} is suspended: its last pose is of {last_ns} ns, requested {time_ns} ns")]
     Suspended {
         /// Its name.
         space: String,
         /// Of the last pose [ns].
         last_ns: i64,
-        /// Asked for [ns].
+        /// Requested time [ns].
         time_ns: i64,
     },
     /// A time too far before the first or after the last pose that is kept.
@@ -74,7 +74,7 @@ pub enum SceneError {
         first_ns: i64,
         /// Of the last pose [ns].
         last_ns: i64,
-        /// Asked for [ns].
+        /// Requested time [ns].
         time_ns: i64,
     },
 }

@@ -66,9 +66,9 @@ pub(super) struct Rigid {
     /// By observation: where the solution has it − where it was seen, `None` where the camera cannot see it [px].
     pub residuals: Vec<Option<Vector2<f64>>>,
     pub cost: f64,
-    /// By camera, if asked for; the parameters that stay open otherwise.
+    /// By camera, if requested; the unobservable parameters if there are any.
     pub covariance: Option<Result<Vec<CameraCovariance>, Open>>,
-    /// By camera: of the columns that [`NAMES`] lists, if asked for and nothing is open.
+    /// By camera: of the columns that [`NAMES`] lists, if requested and if all parameters are observable.
     pub columns: Vec<Columns>,
 }
 

@@ -310,7 +310,8 @@ impl<'a> Rest<'a> {
         Some(self.far_share(&mirrored, &found.camera))
     }
 
-    /// Whether the wrong observations of a camera were left out, and what is left is enough and fits as well as anybody's.
+    /// Whether the wrong observations of a camera were left out, and the rest suffice and fit as well as those of the
+    /// other cameras.
     fn are_harmless(&self, examined: &Examined, usual: f64, usual_far: f64) -> bool {
         let (network, camera) = (&self.network, examined.camera);
         if !is_calibrated(&network.solved.cameras[camera]) || examined.far > MOST_WRONG {

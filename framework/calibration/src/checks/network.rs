@@ -131,8 +131,8 @@ impl<'a> Room<'a> {
         partners
     }
 
-    /// The observations of `camera`, whatever became of them, beside the points that the other cameras alone make of them; those in `out`
-    /// are not asked. `cameras` and `points` stand for those of the room.
+    /// All observations of `camera`, used or rejected, each with its point as triangulated by the other cameras except
+    /// those in `out`. `cameras` and `points` replace those of the room.
     pub(super) fn witnessed(
         &self,
         camera: usize,

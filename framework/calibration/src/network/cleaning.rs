@@ -96,7 +96,7 @@ pub fn keep_distinct(spots: &mut Vec<Spot>) {
     spots.retain(|it| known.insert(numbers(it)));
 }
 
-/// The spot that is the light, if that can be told from one picture.
+/// The spot that is the light, if one picture suffices to identify it.
 pub(crate) fn the_light(spots: &[Spot]) -> Option<&Spot> {
     let brightest = spots.iter().max_by(|a, b| a.peak.total_cmp(&b.peak))?;
     let is_plain = spots.iter().all(|it| std::ptr::eq(it, brightest) || it.peak * OUTSHINES < brightest.peak);

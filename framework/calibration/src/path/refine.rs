@@ -54,7 +54,7 @@ impl State {
         self.path_s + self.rate * (camera_s - self.middle_s)
     }
 
-    /// The same clock, told at another time of the camera's.
+    /// The same clock with another reference time of the camera.
     pub fn told_at(&self, middle_s: f64) -> State {
         State { middle_s, path_s: self.path_time(middle_s), ..self.clone() }
     }

@@ -200,7 +200,7 @@ impl Looked<'_> {
         (LEAST_SHARE + BY_CHANCE / n.max(1) as f64) * plain.cost
     }
 
-    /// What is to be told, if the second pose is more than lens and noise ask for.
+    /// The pose change to report, if it exceeds what lens and noise explain.
     fn accepted(&self, plain: &State, found: &State, sigma_px: f64, slots: &[usize]) -> Option<PoseChange> {
         let second = found.second.as_ref()?;
         let before = &found.cameras[second.slot];

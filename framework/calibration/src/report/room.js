@@ -17,7 +17,7 @@
   const reset = () => { view = { turn: room.view[0], tilt: room.view[1], zoom: 1, shift: [0, 0] }; };
   reset();
 
-  // From dark blue over green to yellow: even in lightness, told apart by all.
+  // From dark blue over green to yellow: even in lightness, and safe for colour-blind readers.
   const ramp = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
   const shade = (part) => {
     const at = Math.min(Math.max(part, 0), 0.9999) * (ramp.length - 1), low = Math.floor(at), mix = at - low;

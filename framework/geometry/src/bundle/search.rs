@@ -60,7 +60,7 @@ pub(super) struct FoundClocks {
     pub clocks: Vec<[f64; 2]>,
     /// By camera: their rows in `covariance`.
     pub rows: Vec<[Option<usize>; 2]>,
-    /// Of all that is free in cameras, if asked for and held by the data.
+    /// Covariance of all free camera parameters, if requested and if the data determine them.
     pub covariance: Option<DMatrix<f64>>,
 }
 

@@ -16,7 +16,7 @@ pub const THRESHOLD: f64 = 0.5;
 pub const VISIBLE: f64 = 0.588_705_011_257_737_3;
 /// What a ball adds to the field at D farther than the nearest one's by this is less than a part in 10¹⁴ [–].
 const UNFELT: f64 = 16.2;
-/// Below this D the root goes on as a straight line: inside a body, where many balls overlap, D falls below 0.
+/// Below this D the root continues as a straight line: inside a body, where many balls overlap, D falls below 0.
 const ROOT_FROM: f64 = 0.02;
 
 /// An ellipsoidal metaball, fixed to a segment; only its radii ([`State::radii`]) change.

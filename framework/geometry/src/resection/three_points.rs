@@ -61,8 +61,8 @@ pub fn poses(points_in_world: &[Point3<f64>; 3], directions: &[Unit<Vector3<f64>
     found
 }
 
-/// Depths that fit all three sides, by Gauss and Newton's steps from depths that nearly do (equations 1 to 3); none where no positive
-/// ones are near, since a root that is a little complex may stand for no triangle at all.
+/// Depths that fit all three sides: Gauss-Newton refinement of approximate depths (equations 1 to 3). `None` without
+/// positive depths nearby: a root with a small imaginary part may represent no triangle at all.
 fn polished_depths(start: [f64; 3], sides: [f64; 3], cosines: [f64; 3]) -> Option<[f64; 3]> {
     const OPPOSITE: [(usize, usize); 3] = [(1, 2), (0, 2), (0, 1)];
     let longest = sides.iter().fold(0.0_f64, |longest, it| longest.max(*it));

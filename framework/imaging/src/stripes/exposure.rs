@@ -41,7 +41,8 @@ const LEAST_WAVE: f64 = 6.0;
 const ON_WAVE: f64 = 0.3;
 /// What waves tell of an exposure and what brightness on the whole tells differ by no more, where it is one [–].
 const SAME: f64 = 0.06;
-/// Rounds in which waves and exposures are found by turns: of four steps each leaves three quarters of what is wrong, of more less.
+/// Rounds that estimate waves and exposures alternately: with four steps a round leaves three quarters of the error,
+/// with more steps less.
 const ROUNDS: usize = 40;
 
 /// A bit's picture and its inverse, and how many times too bright each is beside white and black together.

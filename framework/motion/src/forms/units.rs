@@ -41,7 +41,7 @@ pub(super) fn unit(name: &str, stated: Option<f64>, largest: f64, remarks: &mut 
     }
 }
 
-/// The unit in which a motion is written: the one asked for, its own, or millimetres.
+/// The unit in which a motion is written: the requested one, its own, or millimetres.
 pub(super) fn unit_to_write(motion: &Motion, asked: Option<&str>) -> (String, f64) {
     let asked = asked.and_then(|it| Some((it.to_owned(), unit_length(it)?)));
     let own = || motion.unit.clone().filter(|it| unit_length(&it.0) == Some(it.1));

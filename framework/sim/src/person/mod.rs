@@ -122,7 +122,8 @@ impl Person {
         }
     }
 
-    /// Somebody who does what a recording did, about `centre` [m]; `random` decides when to begin and which way to face.
+    /// A person who repeats a recorded motion around `centre` [m]; `random` draws the start time and the facing
+    /// direction.
     pub fn whole(body: Arc<WholeBody>, centre: Vector2<f64>, random: &mut Random) -> Self {
         let ahead = WholeBody::ahead(random);
         let way = Way::Recorded(Recorded { body, ahead, centre });

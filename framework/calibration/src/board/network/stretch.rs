@@ -29,7 +29,7 @@ const LEAST: f64 = 0.003;
 const SIGMAS: f64 = 5.0;
 /// With it the marks lie at most so many times as far off as without, pixels having the shape that was given: what errs alike over a whole board, as lenses do, makes smaller differences certain …
 const BETTER: f64 = 0.95;
-/// … and as with pixels of any shape that was asked for.
+/// … and as with pixels of any shape that the options request.
 const NO_WORSE: f64 = 1.03;
 
 impl Room<'_> {

@@ -38,7 +38,7 @@ const NEIGHBOURS: f64 = 2.5;
 const FOCAL_FACTORS: [f64; 4] = [1.0, 1.6, 0.6, 2.5];
 /// Parts of the recording before and after a change of pose are at least this long [–].
 const LEAST_PART: f64 = 0.08;
-/// False observations are told from so large a share on, beyond that of other cameras [–].
+/// False observations are diagnosed from this share on, beyond that of other cameras [–].
 const FALSE_SHARE: f64 = 0.1;
 /// No pose explains a camera that fits less than this by any hypothesis [–].
 const NO_POSE: f64 = 0.12;

@@ -19,7 +19,7 @@ use crate::cause::{CameraFault, Cause};
 use crate::pose_change::PoseChange;
 use crate::recording::Recording;
 
-/// A room whose cameras all fit so large a part of their observations holds no culprit [–].
+/// No camera is at fault where each fits at least this part of its observations [–].
 const CLEAN: f64 = 0.9;
 /// A camera is looked at when it fits less than this part of what the median camera fits [–].
 const LESS: f64 = 0.85;
@@ -103,8 +103,8 @@ impl Repair {
     }
 }
 
-/// Looks for culprits in `room`, which was solved from all cameras as far as that went; `None` where neither it nor what could be put right
-/// stands.
+/// Searches the cameras at fault in `network`, the solution from all cameras as far as there is one. `None` where
+/// neither that solution nor a corrected one is accepted.
 pub(super) fn find<'a>(
     recording: &Recording,
     moments: &[Moment],

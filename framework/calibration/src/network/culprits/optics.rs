@@ -28,7 +28,8 @@ const TOO_FAR: f64 = 0.75;
 const PUT_RIGHT: f64 = 0.8;
 /// … and be no more than so many times what it is with all focal lengths free.
 const NOTHING_LEFT: f64 = 1.5;
-/// The principal points of a picture and of the same upside down are told apart when they are so many standard deviations apart [–].
+/// The principal points of a picture and of the same upside down are distinguishable when so many standard deviations
+/// apart [–].
 const HALF_TURN_SIGMAS: f64 = 5.0;
 /// Optics are not as stated when off by so many standard deviations [–].
 const OFF_SIGMAS: f64 = 5.0;

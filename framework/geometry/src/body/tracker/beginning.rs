@@ -232,7 +232,8 @@ pub(super) fn standing(field: &VoxelField, top: f64, up: f64, expected: &Proport
     (up > 0.85 && is_likely).then(|| Proportions { stature: height, stature_spread, ..expected.clone() })
 }
 
-/// Proportions of a child who stands with this head on top: the voxels are too low for anybody of the expected stature who stands.
+/// Proportions of a standing child with this head on top, if the voxels are too low for a standing person of the
+/// expected stature.
 fn child(field: &VoxelField, head: &HeadFound, lowest: f64, expected: &Proportions) -> Option<Proportions> {
     let height = head.centre.z + head.radius - lowest + field.size() / 2.0;
     let is_low = height < expected.stature * (1.0 - 2.5 * expected.stature_spread) && height > LEAST_CHILD;

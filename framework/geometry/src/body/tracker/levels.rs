@@ -83,7 +83,7 @@ impl BodyTracker {
         upper.angle(&lower)
     }
 
-    /// Everybody but this limb has taken their voxels.
+    /// Voxels that all parts except `limbs` have taken.
     pub(super) fn taken_without(&self, field: &VoxelField, limbs: &[Limb]) -> Taken {
         let layout = self.filter.layout();
         let is_taken = |part: Part| layout.has(part) && !limbs.iter().any(|limb| limb.parts().contains(&part));

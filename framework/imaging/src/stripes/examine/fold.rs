@@ -20,7 +20,8 @@ const TELLING: f64 = 0.3;
 const LEAST: i32 = 8;
 /// The bit is left undecided where the two slopes can be distinguished in less than this part of the lit pixels [–].
 const TOLD: f64 = 0.5;
-/// Where a stripe of a coarser bit ends, columns go on in this part of the places, where slopes are told right [–]; and places that say it.
+/// Where a stripe of a coarser bit ends, columns continue in this part of the places if the slopes are resolved
+/// correctly [–]; and the least number of such places.
 const GOES_ON: f64 = 0.8;
 const LEAST_ENDS: usize = 200;
 

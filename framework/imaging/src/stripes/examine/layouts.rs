@@ -22,7 +22,7 @@ const FLAT: f64 = 0.1;
 const OTHER_BITS: u32 = 3;
 /// Phase steps of other sets that are tried.
 const MOST_STEPS: u32 = 16;
-/// Of the bits whose order changes of coarser ones tell, so many have to be told [–].
+/// Least part resolved, of the bits whose order follows from changes of coarser ones [–].
 const TOLD: f64 = 0.5;
 
 /// What the pictures of a set are to one another.

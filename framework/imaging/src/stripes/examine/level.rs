@@ -1,9 +1,12 @@
 //! Brings all pictures to one light before it is known which picture shows what.
 //!
-//! Wherever a picture stands in its set and whatever stripes it shows, a pixel is lit in it or dark. With the middle m and half of the difference h of these two, a picture under a light of the room that is a times L brighter
-//! has the level m ± k h + a L there: k is below 1 where fine stripes are blurred, which takes as much from what is lit as it adds to what is dark. Lights follow for each picture from all of its pixels, m, h and L for each
-//! pixel from all pictures, by turns. The light may differ along the rows of a picture, as a lamp's does that flickers while a rolling shutter reads them. That is good enough to judge which picture shows what; once that is
-//! known, pairs of opposite pictures tell the same better ([`super::light`]).
+//! Wherever a picture stands in its set and whatever stripes it shows, a pixel is lit in it or dark. With the middle m
+//! and half of the difference h of these two, a picture under a light of the room that is a times L brighter has the
+//! level m ± k h + a L there: k is below 1 where fine stripes are blurred, which takes as much from what is lit as it
+//! adds to what is dark. The estimates alternate: the lights of each picture from all of its pixels, then m, h and L of
+//! each pixel from all pictures. The light may differ along the rows of a picture, as a lamp's does that flickers while
+//! a rolling shutter reads them. That is good enough to judge which picture shows what; once that is known, pairs of
+//! opposite pictures tell the same better ([`super::light`]).
 
 use super::super::faults::SetFault;
 use super::lit::spread;

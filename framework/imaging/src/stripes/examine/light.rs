@@ -22,7 +22,8 @@ const SAMPLES: usize = 5000;
 const SATURATED: u8 = 250;
 /// Turns in which the light's picture and what each pair has of it are found.
 const ROUNDS: usize = 8;
-/// Light that differs by less in sums of two pictures is steady [gray levels]; so many sums that differ tell it from another exposure, which in each has other stripes: of fewer, the stripes themselves have to.
+/// Light that differs by less in sums of two pictures is steady [gray levels]. At least so many sums that differ
+/// distinguish it from another exposure, whose stripes differ in each sum; with fewer, the stripes themselves decide.
 const LEAST: f64 = 2.0;
 const MIN_UNLIKE: usize = 3;
 /// Its picture has one sign in this part of the pixels [–].

@@ -69,7 +69,7 @@ pub(super) fn settle(set: &Set<'_>, found: &mut Examination) {
     }
 }
 
-/// Both pictures of the finest bit or of another lack, and nothing told of which.
+/// Resolves which bit lacks both pictures, the finest or another, where the pictures themselves do not say.
 fn settle_finest(set: &Set<'_>, found: &mut Examination, axis: Axis) {
     let finest = set.code.bits[axis.index()] - 1;
     let is_open = |it: &SetFault| matches!(it, SetFault::MissingBits { axis: of, planes, .. } if *of == axis && planes.contains(&finest));
@@ -115,7 +115,7 @@ fn changes(set: &Set<'_>, places: &[Option<usize>], axis: Axis, plane: u32) -> u
     set.lit.iter().flat_map(beside).filter(|it| *it).count()
 }
 
-/// One of the two pictures of a bit lacks, and nothing told which.
+/// Resolves which of the two pictures of a bit is missing, where the pictures themselves do not say.
 fn settle_inverse(set: &Set<'_>, found: &mut Examination, axis: Axis) {
     // What stands where is open too then.
     if found.faults.iter().any(|it| matches!(it, SetFault::MissingBits { axis: of, .. } if *of == axis)) {

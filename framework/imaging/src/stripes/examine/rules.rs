@@ -262,7 +262,8 @@ impl Set<'_> {
         faults
     }
 
-    /// Axes of which nothing is broken although much is told of them, where all that is broken concerns the other.
+    /// Axes without a fault of which at least half of the bits are resolved, provided that all faults concern the other
+    /// axis.
     pub(super) fn sound_axes(&self, faults: &[SetFault]) -> Vec<Axis> {
         let axes = |it: &SetFault| {
             let mut axes = it.axes()?;

@@ -28,7 +28,7 @@ use crate::studio::{Colour, Lighting, Posed, Studio};
 use crate::truth::TrueCamera;
 use crate::world::World;
 
-/// Shadows are looked for in squares of so many pixels.
+/// Edge of the square tiles in which shadows are searched [px].
 const TILE: usize = 8;
 /// Samples along each side of a pixel of what stands still, for a camera that stands still, and for one that moves: odd, so that one is in its middle.
 const SAMPLES: [usize; 2] = [3, 1];

@@ -20,8 +20,10 @@ pub(super) struct Waves {
 impl Waves {
     /// How many times the light each step of a wave has, by what pixels see of all steps.
     ///
-    /// A wave's mean and height are the same parts of white − black everywhere. Its phase differs from pixel to pixel, and what a light adds does not: by turns phases are found without the light, and the light of each step as what
-    /// is left beside waves of these phases. Of what the light makes of a wave itself each turn leaves half.
+    /// A wave's mean and height are the same parts of white − black everywhere. Its phase differs from pixel to pixel,
+    /// and what a light adds does not: the search alternates between phases without the light, and the light of each
+    /// step as the residual of waves with these phases. Each round leaves half of the error that the light causes in
+    /// the wave itself.
     pub fn light_of_steps(&self, rows: &[Vec<f64>]) -> Option<Vec<f64>> {
         let n = rows.first()?.len();
         let count = n as f64;
