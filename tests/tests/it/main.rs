@@ -10,6 +10,8 @@ mod bundle_bal;
 mod calibrate;
 mod calibrate_clocks;
 mod calibrate_inputs;
+#[cfg(unix)]
+mod docs;
 mod evaluation;
 mod exchange;
 mod figures;
