@@ -33,7 +33,8 @@ struct Tally {
     is_cause: bool,
 }
 
-/// The causes, a failure each, but for nodes whose `faults` say why already. A run that is not `whole` (cut short by a person) says nothing about sinks.
+/// The causes, a failure each, but for nodes whose `faults` say why already. A run that is not `whole` (cut short by a person) says nothing about sinks,
+/// nor does one in which a program failed.
 pub(crate) fn causes(
     graph: &Graph,
     ledgers: &[Ledger],
@@ -42,6 +43,7 @@ pub(crate) fn causes(
     is_whole: bool,
     ended: Time,
 ) -> Vec<FaultRecord> {
+    let is_whole = is_whole && !faults.iter().any(|it| it.blame == Blame::Program);
     let mut nodes = tallies(graph, ledgers, gaps);
     let role = |it: &Tally| graph.instances[it.instance].node_type.role;
     for node in &mut nodes {
@@ -64,13 +66,13 @@ pub(crate) fn causes(
         faults.iter().any(|it| without_camera(&it.instance) == name)
     };
     let record = |it: &Tally| {
-        let mut message = "gave out nothing in the whole run".to_owned();
+        let mut message = "delivered nothing in the whole run".to_owned();
         if let Some((count, reason)) = &it.reason {
             message += &format!(": {reason} ({count} of {} gaps)", it.gaps);
         }
         if !it.starved.is_empty() {
             let sinks: Vec<String> = it.starved.iter().map(|it| format!("`{}`", name(*it))).collect();
-            message += &format!("; so {} got nothing", sinks.join(", "));
+            message += &format!("; so {} received nothing", sinks.join(", "));
         }
         let instance = graph.instances[it.instance].path.clone();
         FaultRecord { instance, blame: Blame::Input, message, action: "the others went on", time: ended, count: 1 }
