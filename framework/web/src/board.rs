@@ -33,7 +33,7 @@ pub struct Counts {
     pub too_large: u64,
     /// Windows closed since they sent more messages a second than is taken.
     pub flooding: u64,
-    /// Windows closed because they did not read, or fell silent.
+    /// Windows closed because they did not read, or answered no ping.
     pub stalled: u64,
     /// Messages of pages dropped since their node did not take them in time.
     pub dropped: u64,
@@ -52,7 +52,7 @@ impl Counts {
             (self.too_many, "connections were closed: too many at once or a second"),
             (self.too_large, "windows were closed: a message was too long"),
             (self.flooding, "windows were closed: too many messages a second"),
-            (self.stalled, "windows were closed: they did not read, or fell silent"),
+            (self.stalled, "windows were closed: they did not read, or answered no ping"),
             (self.dropped, "messages of pages were dropped: their node did not take them in time"),
             (self.skipped, "messages to pages were skipped: they read too slowly"),
         ];

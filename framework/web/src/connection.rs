@@ -17,7 +17,7 @@ use crate::http::{self, Reading, Request};
 
 /// A request must be there, and an answer or message taken, in this time.
 const LONGEST_STALL: Duration = Duration::from_secs(5);
-/// A socket without traffic for so long is sent a ping, and closed after twice as long again: a computer that was put to sleep closes nothing.
+/// A socket is sent a ping so often, and closed when it does not answer: it reads nothing, or its computer was put to sleep.
 const QUIET: Duration = Duration::from_secs(10);
 /// Longest message of a page [bytes].
 const MOST_MESSAGE: usize = 64 << 10;
@@ -57,8 +57,9 @@ struct Socket {
     client: Client,
     /// A message could not be written whole, since when.
     held: Option<Instant>,
-    heard: Instant,
-    asked: bool,
+    /// When it last answered a ping, and when it was sent one that it has not answered.
+    answered: Instant,
+    asked: Option<Instant>,
     second: Instant,
     n_heard: u32,
     bytes_heard: usize,
@@ -217,8 +218,8 @@ impl Connection {
             web: WebSocket::from_partially_read(stream, rest.to_vec(), Role::Server, Some(config)),
             client,
             held: None,
-            heard: now,
-            asked: false,
+            answered: now,
+            asked: None,
             second: now,
             n_heard: 0,
             bytes_heard: 0,
@@ -316,13 +317,12 @@ impl Socket {
             board.count(|it| it.stalled += 1);
             return Err(format!("it did not read for {} s", LONGEST_STALL.as_secs()));
         }
-        let quiet = self.heard.elapsed();
-        if quiet > 3 * QUIET {
+        if self.asked.is_some_and(|it| it.elapsed() > LONGEST_STALL) {
             board.count(|it| it.stalled += 1);
-            return Err(format!("it was silent for {} s", 3 * QUIET.as_secs()));
+            return Err(format!("it did not answer a ping for {} s", LONGEST_STALL.as_secs()));
         }
-        if quiet > QUIET && !self.asked {
-            self.asked = true;
+        if self.asked.is_none() && self.answered.elapsed() > QUIET {
+            self.asked = Some(Instant::now());
             self.write(Message::Ping(Default::default()))?;
         }
         Ok(outcome)
@@ -330,7 +330,9 @@ impl Socket {
 
     fn hear(&mut self, board: &Board, message: &Message) -> Result<(), String> {
         let now = Instant::now();
-        (self.heard, self.asked) = (now, false);
+        if message.is_pong() {
+            (self.answered, self.asked) = (now, None);
+        }
         if now - self.second > Duration::from_secs(1) {
             (self.second, self.n_heard, self.bytes_heard) = (now, 0, 0);
         }

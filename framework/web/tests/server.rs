@@ -267,6 +267,19 @@ fn a_window_that_does_not_read_is_skipped_then_closed_and_the_node_never_waits()
 }
 
 #[test]
+fn windows_that_send_and_never_read_keep_no_place_for_ever() {
+    let house = house("0");
+    let mut deaf: Vec<_> = (0..64).map(|_| house.open()).collect();
+    let until = Instant::now() + PATIENCE;
+    while house.server.counts().stalled < 64 {
+        assert!(Instant::now() < until, "{:?}", house.server.counts());
+        deaf.iter_mut().for_each(|it| drop(it.send(Message::text("x"))));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    assert!(house.ask("/", &house.own()).starts_with("HTTP/1.1 200"), "there is room again");
+}
+
+#[test]
 fn messages_that_are_too_long_and_what_is_no_protocol_end_the_window() {
     let mut house = house("0");
     let mut socket = house.open();
