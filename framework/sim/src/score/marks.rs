@@ -586,7 +586,7 @@ mod tests {
         let (all, wrong) = track.wrong(&names, 4.0);
         assert_eq!((all, wrong.count()), (3, 2));
         let rows = track.wrong_rows(&names, 4.0, |it| format!("ptz-{}", it.0));
-        assert_eq!(rows, ["0.000000,ptz-3,5,1,12.000,0,0.300", "0.000000,ptz-3,5,1,NaN,0,0.300"]);
+        assert_eq!(rows, ["0.000000,ptz-3,5,1,12.000,0,0.300", "0.000000,ptz-3,5,1,,0,0.300"]);
         assert_eq!(track.right(&names, 4.0).len(), 1);
     }
 }

@@ -182,7 +182,7 @@ fn a_long_file_of_another_kind_is_one_fault_that_names_the_forms() {
         faults[0].clone()
     };
     assert_eq!((fault(&program).expected.as_str(), fault(&program).place), (CALIBRATION_FORMS, None));
-    assert_eq!((fault(&nearly).expected.as_str(), fault(&nearly).place), ("a TOML file", Some((1, 7))));
+    assert_eq!((fault(&nearly).expected.as_str(), fault(&nearly).place), ("a TOML file", Some((1, 6))));
 }
 
 #[test]
