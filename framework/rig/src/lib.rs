@@ -36,7 +36,6 @@ mod values;
 mod wire;
 
 use std::cell::RefCell;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,7 +49,7 @@ pub use foveate_diagnostics::{Diagnostic, Diagnostics, Severity, Span};
 pub use schema::schema;
 
 use crate::graph::Graph;
-use foveate_diagnostics::{Findings, names};
+use foveate_diagnostics::{Findings, file, names};
 use foveate_node::registry::Registry;
 use foveate_node::setup::{Claims, expand_path, no_cameras};
 use nodes::{NodeDraft, ScaleView, Surroundings};
@@ -309,12 +308,8 @@ fn read_text(path: &Path) -> Result<String, Diagnostics> {
         let help = "is it a recording? a rig names its recordings, and holds none".to_owned();
         refuse("", 0..0, "this is too long for a rig:", label, Some(help))
     };
-    let file = File::open(path).map_err(unreadable)?;
+    let file = file::open(path).map_err(unreadable)?;
     let facts = file.metadata().map_err(unreadable)?;
-    if facts.is_dir() {
-        let label = "found a folder, expected a rig in TOML".to_owned();
-        return Err(refuse("", 0..0, "cannot read", label, None));
-    }
     if facts.len() > MAX_BYTES {
         return Err(too_long(Some(facts.len())));
     }

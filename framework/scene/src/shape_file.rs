@@ -56,7 +56,7 @@ pub fn parse_shape_model(text: &str, path: &Path) -> Result<ShapeModel, Calibrat
 /// # Errors
 /// As [`parse_shape_model`]; a file that cannot be read.
 pub fn load_shape_model(path: &Path) -> Result<ShapeModel, CalibrationError> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    let text = foveate_diagnostics::file::read_text(path).map_err(|error| {
         CalibrationDiagnostic::of_file(path, format!("no text ({error})"), "a model of a shape in TOML")
     })?;
     parse_shape_model(&text, path)

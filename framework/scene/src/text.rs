@@ -1,8 +1,9 @@
 //! Texts of files: read as a whole, with places in them, and written as TOML.
 
-use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
+
+use foveate_diagnostics::file;
 
 use crate::error::CalibrationDiagnostic;
 
@@ -28,7 +29,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, CalibrationDiagnostic> {
     let unreadable =
         |error: std::io::Error| CalibrationDiagnostic::of_file(path, format!("cannot be read ({error})"), "a file");
     let mut bytes = Vec::new();
-    File::open(path).and_then(|file| file.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
+    file::open(path).and_then(|file| file.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_FILE_SIZE {
         return Err(CalibrationDiagnostic::of_file(path, "has more than 16 MiB", "a calibration of at most 16 MiB"));
     }

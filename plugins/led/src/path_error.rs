@@ -208,7 +208,7 @@ impl PathError {
 /// The rows of a path.
 fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     let text =
-        std::fs::read_to_string(path).map_err(|error| format!("`{}` cannot be read: {error}", path.display()))?;
+        foveate::diagnostics::file::read_text(path).map_err(|error| format!("`{}` cannot be read: {error}", path.display()))?;
     let mut rows = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let fields: Vec<&str> =

@@ -164,7 +164,7 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, options: &CaptureO
     };
     let faults = |faults: rig::Diagnostics| faults.render(wants_color());
     let text =
-        std::fs::read_to_string(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
+        foveate_diagnostics::file::read_text(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
     let whole = rig::load(&text, path, registry, &overrides).map_err(faults)?;
     let (scale, node, port) = choose(&whole, options.node.as_deref())?;
     let addition = format!(

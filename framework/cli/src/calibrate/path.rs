@@ -70,7 +70,7 @@ impl PathArgs {
     pub fn read(&self) -> Result<Option<Asked>, String> {
         let Some(file) = &self.path else { return Ok(None) };
         let fault = |it: &dyn std::fmt::Display| format!("error: the path {}: {it}", file.display());
-        let text = std::fs::read_to_string(file).map_err(|it| fault(&format!("cannot be read: {it}")))?;
+        let text = foveate_diagnostics::file::read_text(file).map_err(|it| fault(&format!("cannot be read: {it}")))?;
         let metres_per_unit = match self.path_unit.as_deref() {
             Some("mm") => 1e-3,
             Some("cm") => 1e-2,

@@ -5,6 +5,7 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use clap::ValueEnum;
+use foveate_diagnostics::file;
 use foveate_motion::Motion;
 use foveate_motion::forms::{self, Form, ReadOptions};
 use foveate_motion::motion::Up;
@@ -41,7 +42,7 @@ pub(super) fn kind_of(path: &Path) -> std::io::Result<Option<Form>> {
         return Ok(None);
     }
     let mut start = Vec::new();
-    File::open(path)?.take(1 << 16).read_to_end(&mut start)?;
+    file::open(path)?.take(1 << 16).read_to_end(&mut start)?;
     let ending = path.extension().and_then(|it| it.to_str()).unwrap_or_default();
     let by_ending = Form::of_ending(ending).filter(|it| *it != Form::Table);
     Ok(Form::of(&start).or(by_ending))
@@ -50,7 +51,7 @@ pub(super) fn kind_of(path: &Path) -> std::io::Result<Option<Form>> {
 /// Why a file that looks like one of our tables is none; `None`: it does not look so.
 pub(super) fn nearly_table(path: &Path) -> Option<String> {
     let mut start = Vec::new();
-    File::open(path).ok().filter(|_| path.is_file())?.take(1 << 16).read_to_end(&mut start).ok()?;
+    file::open(path).ok()?.take(1 << 16).read_to_end(&mut start).ok()?;
     let why = forms::nearly_table(&start)?;
     Some(harmless(&format!("`{}` is no table of targets or marks that can be read: {why}", path.display())))
 }

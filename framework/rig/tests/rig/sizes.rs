@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
+use std::os::fd::AsRawFd;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use foveate_rig::{self as rig, Diagnostics, MAX_BYTES, Overrides};
@@ -92,7 +94,7 @@ fn refused(path: &Path) -> Diagnostics {
 fn file_that_cannot_be_a_rig_is_refused_at_once() {
     let dir = tempfile::tempdir().unwrap();
     let page = |path: &Path| refused(path).render(false);
-    assert!(page(dir.path()).contains("found a folder, expected a rig in TOML"), "{}", page(dir.path()));
+    assert!(page(dir.path()).contains("found a folder, expected a file"), "{}", page(dir.path()));
     let missing = dir.path().join("none.toml");
     assert!(page(&missing).contains("none.toml"), "{}", page(&missing));
 
@@ -101,9 +103,17 @@ fn file_that_cannot_be_a_rig_is_refused_at_once() {
     let begin = Instant::now();
     assert!(page(&large).contains(&format!("found 100000000 bytes, expected at most {MAX_BYTES}")), "{}", page(&large));
     assert!(begin.elapsed() < Duration::from_secs(1));
-    if Path::new("/dev/zero").exists() {
-        assert!(page(Path::new("/dev/zero")).contains("expected at most"));
+    // Without a program at its other end a pipe would be waited for.
+    let pipe = dir.path().join("pipe.toml");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for it in [&pipe, Path::new("/dev/zero")] {
+        assert!(page(it).contains("found a pipe or device, expected a file"), "{}", page(it));
     }
+    let (open, mut end) = std::io::pipe().unwrap();
+    end.write_all(b"!").unwrap();
+    drop(end);
+    let open = page(Path::new(&format!("/dev/fd/{}", open.as_raw_fd())));
+    assert!(open.contains("1 | !"), "{open}");
 
     let binary = dir.path().join("binary.toml");
     std::fs::File::create(&binary).unwrap().write_all(b"[rig]\nname = \"\xff\xfe\"\n").unwrap();

@@ -235,7 +235,7 @@ fn read_head(face: &FaceSettings, setup: &Setup) -> Result<(Option<RecordedHead>
 fn read_paths(file: &str, setup: &Setup) -> Result<Vec<LightPath>, ConfigError> {
     let path = setup.path("light_path", file)?;
     let fault = |message: String| ConfigError::at("light_path", format!("{}: {message}", path.display()));
-    let text = std::fs::read_to_string(&path)
+    let text = foveate_diagnostics::file::read_text(&path)
         .map_err(|error| fault(format!("{error}, expected a file of rows time_s,x_m,y_m,z_m")))?;
     LightPath::parse_all(&text).map_err(fault)
 }
@@ -266,7 +266,7 @@ fn read_bodies(scene: &SceneSettings, setup: &Setup) -> Result<(Vec<Body>, Optio
             return Ok((Vec::new(), Some(format!("{BUILT_IN}: there is no {}", path.display()))));
         }
         let fault = |message: String| ConfigError::at(setting, format!("{}: {message}", path.display()));
-        let text = std::fs::read_to_string(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
+        let text = foveate_diagnostics::file::read_text(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
         let motion = SkeletonMotion::from_bvh(&text).map_err(|error| fault(error.to_string()))?;
         let mut words = path.display().to_string();
         bodies.push(match body.motion {

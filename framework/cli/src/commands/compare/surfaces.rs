@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use foveate_diagnostics::file;
 use foveate_geometry::surface::ply::{self, PlyShape};
 use foveate_geometry::surface::{
     DistanceOptions, Distances, Placing, PlacingOptions, Shape, ShapeDistances, distances, place,
@@ -50,7 +51,7 @@ struct Loaded {
 /// Whether a file begins as a PLY does.
 pub(super) fn is_ply(path: &Path) -> bool {
     let mut start = [0; 4];
-    let read = std::fs::File::open(path).and_then(|mut it| std::io::Read::read_exact(&mut it, &mut start));
+    let read = file::open(path).and_then(|mut it| std::io::Read::read_exact(&mut it, &mut start));
     read.is_ok() && ply::is_ply(&start)
 }
 
