@@ -2,10 +2,12 @@
 //!
 //! Properties read are `x`, `y`, `z`, `nx`, `ny`, `nz` of the element `vertex` and the list `vertex_indices` (or
 //! `vertex_index`) of `face`; polygons become triangles around their first corner. Everything else is skipped.
-//! Vertices that are not finite are left out, with their triangles.
+//! Vertices that are not finite, or farther from the others than single precision resolves, are left out, with their
+//! triangles.
 //!
 //! Source: G. Turk, "The PLY polygon file format", 1994.
 
+use foveate_estimation::statistics::percentile;
 use nalgebra::{Point3, Vector3};
 
 /// The shape in a PLY file.
@@ -19,8 +21,8 @@ pub struct PlyShape {
     pub triangles: Vec<[u32; 3]>,
     /// Length of the file's unit in metres, where a comment states it.
     pub metres_per_unit: Option<f64>,
-    /// Number of vertices left out because they are not finite.
-    pub n_not_finite: usize,
+    /// Number of vertices left out because they are not finite, or too far from the others.
+    pub n_left_out: usize,
 }
 
 /// Why a file cannot be read.
@@ -245,20 +247,31 @@ fn vertices(element: &Element, body: &mut Body<'_>, shape: &mut PlyShape) -> Res
         [Some(x), Some(y), Some(z)] => Some([x, y, z]),
         _ => None,
     };
-    let mut kept = Vec::new();
+    let (mut kept, mut read) = (Vec::new(), Vec::new());
     let mut values = vec![0.0; element.properties.len()];
     for number in 0..element.count {
         body.item(element, number, |property, value| values[property] = value)?;
-        let point = Point3::from(position.map(|it| values[it]));
-        if !point.coords.sum().is_finite() {
-            shape.n_not_finite += 1;
+        let at = |it: [usize; 3]| Vector3::from(it.map(|it| values[it]));
+        read.push((Point3::from(at(position)), normal.map(at)));
+    }
+    // From far enough away all places of a shape are equally near, and no search for the nearest one ends early.
+    let part = |axis: usize, percent: f64| {
+        let all: Vec<f64> = read.iter().map(|it| it.0[axis]).collect();
+        percentile(&all, percent).unwrap_or_default()
+    };
+    let [low, middle, high] = [5.0, 50.0, 95.0].map(|it| Point3::from([0, 1, 2].map(|axis| part(axis, it))));
+    let extent = (high - low).norm();
+    let reach = if extent > 0.0 { extent / f64::from(f32::EPSILON) } else { f64::MAX };
+    for (point, normal) in read {
+        let is_near = (point - middle).norm() <= reach;
+        if !is_near {
+            shape.n_left_out += 1;
             kept.push(LEFT_OUT);
             continue;
         }
         kept.push(shape.points.len() as u32);
         shape.points.push(point);
         if let Some(normal) = normal {
-            let normal = Vector3::from(normal.map(|it| values[it]));
             shape
                 .normals
                 .push(normal.try_normalize(1e-12).filter(|it| it.sum().is_finite()).unwrap_or_else(Vector3::zeros));
@@ -382,11 +395,26 @@ mod tests {
     fn what_is_not_finite_is_left_out_with_its_triangles() {
         let file = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\nproperty float nx\nproperty float ny\nproperty float nz\nelement edge 1\nproperty int a\nelement face 2\nproperty list uchar uint vertex_index\nend_header\nnan 0 0 0 0 1\n1 0 0 0 0 2\n1 1 0 0 0 0\n0 1 0 0 0 1\n7\n3 0 1 2\n3 1 2 3\n";
         let shape = read(file.as_bytes()).unwrap();
-        assert_eq!((shape.points.len(), shape.n_not_finite, shape.triangles.len()), (3, 1, 1));
+        assert_eq!((shape.points.len(), shape.n_left_out, shape.triangles.len()), (3, 1, 1));
         assert_eq!(
             (shape.triangles[0], shape.normals[0], shape.normals[1]),
             ([0, 1, 2], Vector3::z(), Vector3::zeros())
         );
+    }
+
+    #[test]
+    fn a_vertex_farther_away_than_single_precision_resolves_is_left_out_and_nearer_ones_stay() {
+        let count = |far: f64, offset: f64| {
+            let header = "ply\nformat ascii 1.0\nelement vertex 101\nproperty double x\nproperty double y\nproperty double z\nend_header\n";
+            let rows: String = (0..100).map(|it| format!("{} 0 0\n", offset + 0.01 * f64::from(it))).collect();
+            let shape = read(format!("{header}{rows}{far} 0 0\n").as_bytes()).unwrap();
+            (shape.points.len(), shape.n_left_out)
+        };
+        assert_eq!(count(1e32, 0.0), (100, 1));
+        assert_eq!(count(-1e32, 0.0), (100, 1));
+        // 0.9 m · 2²³ is 7.5e6 m, around the points and not around the origin.
+        assert_eq!(count(1e6, 0.0), (101, 0));
+        assert_eq!(count(1e9 + 2.0, 1e9), (101, 0));
     }
 
     #[test]

@@ -74,8 +74,9 @@ pub(super) fn run(args: &CompareArgs) -> Result<u8, String> {
     let mut a = load("A", &args.a, args.metres_per_unit_a)?;
     let mut b = load("B", &args.b, args.metres_per_unit_b)?;
     let mut notes = Vec::new();
-    for it in [&a, &b].into_iter().filter(|it| it.shape.n_not_finite > 0) {
-        notes.push(format!("{}: {} vertices are not finite and are left out", it.name, it.shape.n_not_finite));
+    for it in [&a, &b].into_iter().filter(|it| it.shape.n_left_out > 0) {
+        let n = it.shape.n_left_out;
+        notes.push(format!("{}: {n} vertices are not finite, or too far from the others, and are left out", it.name));
     }
     notes.extend(agree_on_units(&mut a, &mut b));
     let files = [about(&a, &args.a), about(&b, &args.b)];
