@@ -84,6 +84,11 @@ impl SerialHead {
         self.plugged
     }
 
+    /// Number of bytes that are on their way, both ways.
+    pub fn n_bytes(&self) -> usize {
+        self.to_head.bytes.len() + self.from_head.bytes.len()
+    }
+
     /// Pulls the line out, or puts it back in; bytes on their way are lost.
     pub fn set_plugged(&mut self, plugged: bool) {
         self.plugged = plugged;

@@ -121,7 +121,9 @@ mod terminal {
             let start = Instant::now();
             let mut buffer = [0; 256];
             while !stop.load(Ordering::Relaxed) {
-                match self.ours.read(&mut buffer) {
+                // What comes faster than the line waits in the terminal, and then with its writer.
+                let length = if head.n_bytes() < buffer.len() { buffer.len() } else { 0 };
+                match self.ours.read(&mut buffer[..length]) {
                     Ok(length) => head.write(since(start), &buffer[..length]),
                     Err(error) if is_nothing(&error) => {}
                     Err(error) => return Err(error),

@@ -1,7 +1,14 @@
 //! The simulated head against the manuals: bytes there, bytes back, and when.
 
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
 use foveate_messages::{Interval, Time};
 
+use super::serve::Terminal;
 use super::{HeadSettings, LineSettings, NetworkHead, SerialHead};
 
 /// A head that looks at messages as soon as they come, so that times are exact.
@@ -162,6 +169,25 @@ fn noise_changes_bytes_as_often_as_it_is_told() {
     assert!((0.002..0.03).contains(&share), "{share}");
     let mut quiet = SerialHead::new(&prompt(), &LineSettings { baud: 1e6, ..LineSettings::default() }, 1).unwrap();
     assert!((0..100).all(|index| said(&mut quiet, 10 * index, &WHERE, 10).len() == 1));
+}
+
+#[test]
+fn a_terminal_takes_no_more_than_the_line_passes_on() {
+    let mut terminal = Terminal::new().unwrap();
+    let flags = nix::fcntl::OFlag::O_NONBLOCK.bits();
+    let mut flood = OpenOptions::new().write(true).custom_flags(flags).open(terminal.path()).unwrap();
+    let (mut head, stop) = (serial(&prompt()), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        scope.spawn(|| terminal.serve(&mut head, &stop).unwrap());
+        let begun = Instant::now();
+        while begun.elapsed().as_millis() < 300 {
+            let _ = flood.write(&[0x81, 0xFF].repeat(128));
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    // 256 are read at once, and each two of them are answered with four.
+    assert!(head.n_bytes() <= 256 + 512, "{}", head.n_bytes());
+    assert!(head.n_bytes() > 0);
 }
 
 #[test]
