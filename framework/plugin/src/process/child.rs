@@ -6,18 +6,23 @@ use std::os::fd::AsFd;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use foveate_node::{ConfigError, NodeError};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use serde_json::Value;
 
 /// Longest frame that is read [bytes].
 pub const LONGEST_FRAME: usize = 64 << 20;
 /// How much of its standard error is kept [bytes].
 const KEPT: usize = 2000;
+/// In the environment of a process and of all that it starts: which of this program's processes that is.
+const MARK: &str = "FOVEATE_PROCESS";
+/// Rounds of looking for processes to end, at most: one that starts others faster is not caught up with.
+const KILL_ROUNDS: usize = 10;
 /// How long a process that closed its output has to end [ms].
 const TO_END_MS: f64 = 200.0;
 
@@ -46,6 +51,7 @@ pub(super) fn find(command: &[String], dir: &Path) -> Result<PathBuf, ConfigErro
 pub(super) struct Child {
     child: std::process::Child,
     program: String,
+    mark: String,
     input: ChildStdin,
     output: ChildStdout,
     errors: Option<ChildStderr>,
@@ -60,13 +66,15 @@ impl Child {
             |error: &dyn std::fmt::Display| NodeError::input(format_args!("`{name}` cannot be started: {error}"));
         let mut child = Command::new(program);
         child.args(&command[1..]).current_dir(dir).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // A group of its own: what the program starts in its turn ends with it.
-        child.process_group(0);
+        // What the program starts in its turn ends with it: what stays in its group, and what still bears its mark.
+        static N_STARTED: AtomicU64 = AtomicU64::new(0);
+        let mark = format!("{}.{}", std::process::id(), N_STARTED.fetch_add(1, Ordering::Relaxed));
+        child.process_group(0).env(MARK, &mark);
         let mut child = child.spawn().map_err(|error| failed(&error))?;
         let (Some(input), Some(output), errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take()) else {
             return Err(failed(&"it has no standard input and output"));
         };
-        let it = Self { child, program: name.clone(), input, output, errors, said: VecDeque::new() };
+        let it = Self { child, program: name.clone(), mark, input, output, errors, said: VecDeque::new() };
         // A process that does not read must not hold up who writes.
         let flags = fcntl_getfl(&it.input).map_err(|error| failed(&error))?;
         fcntl_setfl(&it.input, flags | OFlags::NONBLOCK).map_err(|error| failed(&error))?;
@@ -125,6 +133,18 @@ impl Child {
             let _ = kill_process_group(group, Signal::KILL); // nobody is left: it has ended by itself
         }
         let _ = self.child.kill();
+        let mark = format!("{MARK}={}", self.mark).into_bytes();
+        // One that starts another meanwhile is found with it in the next round; whom the system does not let go is left.
+        for _ in 0..KILL_ROUNDS {
+            let left = std::fs::read_dir("/proc").into_iter().flatten().flatten().filter_map(|it| {
+                let environment = std::fs::read(it.path().join("environ")).ok()?;
+                let is_marked = environment.split(|it| *it == 0).any(|it| it == mark);
+                Pid::from_raw(it.file_name().to_str()?.parse().ok()?).filter(|_| is_marked)
+            });
+            if left.filter(|it| kill_process(*it, Signal::KILL).is_ok()).count() == 0 {
+                break;
+            }
+        }
     }
 
     fn send(&mut self, mut bytes: &[u8], until: Instant, late: &str) -> Result<(), String> {
@@ -234,5 +254,29 @@ impl Drop for Child {
     fn drop(&mut self) {
         self.kill();
         let _ = self.child.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_process_started_in_another_session_ends_with_it_also_when_it_has_ended_itself() {
+        for then in ["", "; cat"] {
+            let dir = tempfile::tempdir().unwrap();
+            let script = format!("setsid sleep 300 & echo $! > pid{then}");
+            let child = Child::start(&["sh".to_owned(), "-c".to_owned(), script], dir.path()).unwrap();
+            let until = Instant::now() + Duration::from_secs(60);
+            let waited = |is_so: &dyn Fn() -> bool| while !is_so() && Instant::now() < until {};
+            let pid = || std::fs::read_to_string(dir.path().join("pid")).unwrap_or_default();
+            waited(&|| pid().ends_with('\n'));
+            let environment = format!("/proc/{}/environ", pid().trim());
+            let is_alive = || std::fs::read(&environment).is_ok_and(|it| !it.is_empty());
+            assert!(is_alive(), "{then}");
+            drop(child);
+            waited(&|| !is_alive());
+            assert!(!is_alive(), "{then}");
+        }
     }
 }

@@ -8,7 +8,7 @@
 //! | `process.pictures` | pictures | pictures |
 //!
 //! The process may crash, hang or send invalid data: each is a failure of the node, by name, with what the process last wrote on standard error; it is
-//! ended, and the rig's `on_error` says what follows. What it sends is read as its message's type says, and no more than [`LONGEST_FRAME`] of it. A frame is a
+//! ended with all that it started, and the rig's `on_error` says what follows. What it sends is read as its message's type says, and no more than [`LONGEST_FRAME`] of it. A frame is a
 //! length (32 bits, little endian) and so many bytes of JSON:
 //!
 //! | from | frame | when |
