@@ -92,7 +92,8 @@ fn mapped(set: PatternPictures) -> (String, Vec<[f64; 2]>) {
     let mut bench = NodeBench::<Decoder>::new(settings).unwrap();
     bench.feed(&decoder::PICTURES, Time::ZERO, set).unwrap();
     let map = bench.outputs(&decoder::MAP).pop().map(|it| it.value);
-    let said = bench.finish().map_or_else(|fault| fault.to_string(), |report| report.remarks.join("; "));
+    let gaps = bench.gaps(&decoder::MAP).into_iter().map(|it| it.reason);
+    let said = gaps.chain(bench.finish().unwrap().remarks).collect::<Vec<_>>().join("; ");
     let places = map.iter().flat_map(|map| {
         let pixels = (0..map.height as usize).flat_map(|y| (0..map.width as usize).map(move |x| (x, y)));
         pixels.map(|(x, y)| map.get(x, y).coordinate.map(f64::from))
