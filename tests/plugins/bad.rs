@@ -29,6 +29,8 @@ pub enum What {
     Flood,
     /// `plan` panics.
     Plan,
+    /// `process` writes where nothing is.
+    Crash,
 }
 
 /// Settings of [`Bad`].
@@ -77,6 +79,8 @@ impl Node for Bad {
             What::Endless => loop {
                 std::hint::spin_loop();
             },
+            // SAFETY: none.
+            What::Crash => unsafe { std::ptr::without_provenance_mut::<u8>(8).write_volatile(0) },
             What::Flood => loop {
                 io.emit(&OUT, targets.stamp, targets.value.clone());
             },

@@ -12,6 +12,7 @@
 //! against that, and not against this room.
 
 pub mod build;
+mod crash;
 pub mod descriptor;
 pub mod open;
 #[cfg(target_os = "linux")]

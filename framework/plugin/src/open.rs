@@ -13,6 +13,7 @@ use foveate_node::{ConfigError, Due, Io, LibraryError, NodeError, Origin, Plan, 
 use libloading::Library;
 
 use crate::boundary::{Caught, Contents, Described, LibraryNode, LibrarySettings, Parse, tagged};
+use crate::crash;
 use crate::descriptor::{Descriptor, REBUILD};
 
 /// The environment variable with folders of libraries, with `:` between them (`;` on Windows).
@@ -75,6 +76,7 @@ fn load(path: &Path) -> Result<Vec<Arc<NodeType>>, LibraryError> {
         LibraryError::new(format_args!("this is no library that can be opened: {}", cause(&error)))
     };
     crate::whole::check(path)?;
+    crash::listen();
     // SAFETY: opening runs what the library has for its start, which nobody can look at before; naming it is asking for that.
     let library = unsafe { open_now(path) }.map_err(no_library)?;
     // Never closed, even when it is refused: its start may have left something behind.
@@ -127,6 +129,7 @@ fn cause(error: &libloading::Error) -> String {
 
 fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
     let name = it.name;
+    let origin: Arc<str> = format!("`{name}` of {}", path.display()).into();
     NodeType {
         name,
         role: it.role,
@@ -135,18 +138,18 @@ fn node_type(it: Described, parse: Parse, path: &Path) -> NodeType {
         figures: it.figures,
         schema: it.schema,
         origin: Origin::Library(path.to_owned()),
-        decoder: Box::new(move |given| decode(name, parse, given)),
+        decoder: Box::new(move |given| decode(name, &origin, parse, given)),
     }
 }
 
-fn decode(name: &'static str, parse: Parse, given: Table) -> Result<Box<dyn Settings>, ConfigError> {
+fn decode(name: &'static str, origin: &Arc<str>, parse: Parse, given: Table) -> Result<Box<dyn Settings>, ConfigError> {
     let inside = on_this_side(parse(&tagged(name, given)?))?;
     let resolved: toml::Table = toml::from_str(inside.text()).map_err(|error| ConfigError::node(error.message()))?;
     let resolved = match resolved.into_iter().next() {
         Some((_, toml::Value::Table(table))) => table,
         _ => toml::Table::new(),
     };
-    Ok(Box::new(Outside { inside, resolved }))
+    Ok(Box::new(Outside { inside, resolved, origin: Arc::clone(origin) }))
 }
 
 /// The result of a call into a library; its panic is resumed here.
@@ -158,11 +161,14 @@ fn on_this_side<T>(caught: Caught<T>) -> T {
 struct Outside {
     inside: Box<dyn LibrarySettings>,
     resolved: toml::Table,
+    origin: Arc<str>,
 }
 
 impl Settings for Outside {
     fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
-        Ok(Box::new(OutsideNode(on_this_side(self.inside.build(setup))?)))
+        let words = format!("\nerror: {} ({}) crashed the program\n", setup.instance, self.origin);
+        let node = on_this_side(crash::named(&words, || self.inside.build(setup)))?;
+        Ok(Box::new(OutsideNode { node, words }))
     }
     fn resolved(&self) -> &dyn erased_serde::Serialize {
         &self.resolved
@@ -179,23 +185,27 @@ impl Settings for Outside {
 }
 
 /// The program's view of a library's node.
-struct OutsideNode(Box<dyn LibraryNode>);
+struct OutsideNode {
+    node: Box<dyn LibraryNode>,
+    /// What a crash inside is to say.
+    words: String,
+}
 
 impl ErasedNode for OutsideNode {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
-        on_this_side(self.0.process(io))
+        on_this_side(crash::named(&self.words, || self.node.process(io)))
     }
     fn due(&mut self) -> Due {
-        on_this_side(self.0.due())
+        on_this_side(crash::named(&self.words, || self.node.due()))
     }
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
-        on_this_side(self.0.finish(report))
+        on_this_side(crash::named(&self.words, || self.node.finish(report)))
     }
 }
 
 impl Drop for OutsideNode {
     fn drop(&mut self) {
-        let caught = self.0.let_go();
+        let caught = crash::named(&self.words, || self.node.let_go());
         // A second panic on top of one that is under way would end the program.
         if !std::thread::panicking() {
             on_this_side(caught);

@@ -141,6 +141,8 @@ fn a_bad_node_of_a_library_is_named_with_its_panic_and_the_rest_goes_on() {
     }
     let (code, said) = with_node(&library, "what = \"new\"", &RUN);
     assert!(code == 2 && said.contains("bad at its making") && said.contains("libbad.so"), "{code} {said}");
+    let (code, said) = with_node(&library, "what = \"crash\"", &RUN);
+    assert!(code == -1 && said.contains("room.odd (`bad.node` of ") && said.contains("libbad.so)"), "{code} {said}");
     let (code, said) = with_node(&library, "", &RUN);
     assert_eq!(code, 0, "one that does no harm: {said}");
 }
