@@ -5,10 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+/// Called with the name of a node and what is wrong there.
+type Warn = dyn Fn(&str, &str) + Send + Sync;
+
 /// Shared by all nodes of a rig. Nothing that a node computes may depend on it: it says when files are written, not what is in them.
 #[derive(Clone, Default)]
 pub struct Host {
-    warn: Option<Arc<dyn Fn(&str, &str) + Send + Sync>>,
+    warn: Option<Arc<Warn>>,
     seconds: Arc<AtomicU64>,
 }
 

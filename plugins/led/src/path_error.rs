@@ -207,8 +207,8 @@ impl PathError {
 
 /// The rows of a path.
 fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
-    let text =
-        foveate::diagnostics::file::read_text(path).map_err(|error| format!("`{}` cannot be read: {error}", path.display()))?;
+    let text = foveate::diagnostics::file::read_text(path)
+        .map_err(|error| format!("`{}` cannot be read: {error}", path.display()))?;
     let mut rows = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let fields: Vec<&str> =

@@ -67,7 +67,8 @@ fn commands_of_the_pages_are_understood_and_their_rigs_exist() {
         let line = std::iter::once("foveate").chain(arguments.iter().map(String::as_str));
         match foveate_cli::commands::Cli::try_parse_from(line).map_err(|it| it.kind()) {
             Ok(_) | Err(ErrorKind::DisplayHelp) => {}
-            Err(ErrorKind::MissingRequiredArgument | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand) if !is_line => {}
+            Err(ErrorKind::MissingRequiredArgument | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand)
+                if !is_line => {}
             Err(kind) => panic!("{place}: {kind}"),
         }
         for rig in arguments.iter().filter(|it| it.starts_with("graphs/") && it.ends_with(".toml")) {
@@ -84,7 +85,9 @@ fn commands_that_take_a_second_do_what_the_pages_say() {
     for Command { place, arguments, .. } in commands() {
         let [command, rest @ ..] = arguments.as_slice() else { continue };
         let needs_nothing = match command.as_str() {
-            "nodes" | "figures" => !rest.iter().any(|it| it.chars().all(|c| c.is_uppercase()) || it.starts_with("star_finder")),
+            "nodes" | "figures" => {
+                !rest.iter().any(|it| it.chars().all(|c| c.is_uppercase()) || it.starts_with("star_finder"))
+            }
             "patterns" => rest.contains(&"--out".to_owned()),
             "convert" | "check" => rest.first().is_some_and(|it| it.starts_with("graphs/")),
             "schema" => true,

@@ -163,8 +163,8 @@ fn detectors(path: &Path, draft: &Draft, registry: &Registry, options: &CaptureO
         calibration: Some(Arc::new(draft.calibration.clone())),
     };
     let faults = |faults: rig::Diagnostics| faults.render(wants_color());
-    let text =
-        foveate_diagnostics::file::read_text(path).map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
+    let text = foveate_diagnostics::file::read_text(path)
+        .map_err(|error| format!("error: cannot read {}: {error}", path.display()))?;
     let whole = rig::load(&text, path, registry, &overrides).map_err(faults)?;
     let (scale, node, port) = choose(&whole, options.node.as_deref())?;
     let addition = format!(

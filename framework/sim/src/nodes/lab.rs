@@ -266,7 +266,8 @@ fn read_bodies(scene: &SceneSettings, setup: &Setup) -> Result<(Vec<Body>, Optio
             return Ok((Vec::new(), Some(format!("{BUILT_IN}: there is no {}", path.display()))));
         }
         let fault = |message: String| ConfigError::at(setting, format!("{}: {message}", path.display()));
-        let text = foveate_diagnostics::file::read_text(&path).map_err(|error| fault(format!("{error}, expected a BVH file")))?;
+        let text = foveate_diagnostics::file::read_text(&path)
+            .map_err(|error| fault(format!("{error}, expected a BVH file")))?;
         let motion = SkeletonMotion::from_bvh(&text).map_err(|error| fault(error.to_string()))?;
         let mut words = path.display().to_string();
         bodies.push(match body.motion {

@@ -118,7 +118,8 @@ impl Node for TrackerNode {
 
 fn read_marks(path: &std::path::Path, setup: &Setup) -> Result<Vec<Correction>, ConfigError> {
     let refuse = |text: String| ConfigError::at("marks", format_args!("`{}`: {text}", path.display()));
-    let text = foveate::diagnostics::file::read_text(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    let text =
+        foveate::diagnostics::file::read_text(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
     let known = |name: &str| setup.calibration.cameras.iter().any(|it| it.name == name);
     read_corrections(&text, setup.camera_name(), known).map_err(refuse)
 }

@@ -35,7 +35,7 @@ figures! {
 }
 
 /// The page.
-const HTML: &str = include_str!("page/page.html");
+const HTML: &str = include_str!("page.html");
 /// Messages that a window may not have confirmed when the next one is sent: a tenth of a second at 60 Hz, as much as a wireless link may delay.
 const MOST_UNSEEN: u64 = 6;
 

@@ -38,7 +38,7 @@ figures! {
 }
 
 /// The page.
-const HTML: &str = include_str!("projector/page.html");
+const HTML: &str = include_str!("page.html");
 /// Pause between two looks for a picture of the camera; far below the period of a camera.
 const LOOK_AGAIN: Interval = Interval(2_000_000);
 

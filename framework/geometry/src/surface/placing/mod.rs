@@ -166,9 +166,9 @@ pub fn place(a: &Shape, b: &Shape, options: &PlacingOptions) -> Result<Placing, 
     }
     let (score, mut best) = best.ok_or(failed)?;
     let middle = middle(parts[0][0].iter().map(|it| it.position)).unwrap_or_else(Point3::origin);
-    let others =
+    let mut others =
         all.iter().filter(|it| it.0 >= AS_WELL * score).map(|it| apart(&it.1.b_from_a, &best.b_from_a, &middle));
-    let other = others.filter(|it| is_other(*it, b.extent())).next();
+    let other = others.find(|it| is_other(*it, b.extent()));
     best.other = best.other.or(other);
     Ok(best)
 }
