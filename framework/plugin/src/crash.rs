@@ -54,7 +54,7 @@ mod signals {
 
     /// Says the words, and leaves what is to be done to whom it was left before: Rust's own handler, or the system. The cause comes again at once.
     extern "C" fn tell(signal: i32) {
-        // SAFETY: the words are borrowed by whom the signal interrupted; `write` and `sigaction` may be called in handlers.
+        // SAFETY: the thread that the signal interrupted borrows the words; `write` and `sigaction` may be called in handlers.
         unsafe {
             if let Some(words) = INSIDE.get() {
                 libc::write(2, words.cast(), (&*words).len());

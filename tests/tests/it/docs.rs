@@ -52,7 +52,7 @@ fn commands() -> Vec<Command> {
         for (at, block) in text.split("```").enumerate() {
             match at % 2 {
                 1 => block.lines().for_each(|it| add(it.trim(), true)),
-                _ => block.split('`').skip(1).step_by(2).for_each(|it| add(it.trim(), false)),
+                _ => block.split('`').skip(1).step_by(2).for_each(|it| add(&it.replace('\n', " "), false)),
             }
         }
     }

@@ -85,7 +85,8 @@ pub fn explain(query: &str, registry: &Registry) -> Result<String, String> {
 /// What is meant by `query`, and what else it could be: a concrete name may fit several declarations, of which the most specific one is meant.
 fn find<'e>(query: &str, entries: &'e [Entry]) -> (Vec<&'e Entry>, Vec<&'e Entry>) {
     let all = |fits: &dyn Fn(&Entry) -> bool| entries.iter().filter(|it| fits(it)).collect::<Vec<_>>();
-    let exact = all(&|it| it.figure.name == query || it.origins.contains(&query));
+    let is_declaration = query.contains(['*', '{', '(']);
+    let exact = all(&|it| (is_declaration && it.figure.name == query) || it.origins.contains(&query));
     if !exact.is_empty() {
         return (exact, Vec::new());
     }
