@@ -42,7 +42,8 @@ pub fn page(tables: &[Table], measured: &Measured) -> String {
 }
 
 fn command(run: &Run, measurement: Option<&Measurement>) -> String {
-    let commands: Vec<String> = run.commands.iter().map(|it| format!("`{}`", it.replace(" --out {out}", ""))).collect();
+    let shown = |it: &String| it.replace("{out}/", "").replace(" --out {out}", "");
+    let commands: Vec<String> = run.commands.iter().map(|it| format!("`{}`", shown(it))).collect();
     let when = measurement.map_or("not measured".to_owned(), |it| format!("{}, {}", it.commit, duration(it.seconds)));
     format!("| **{}** ({}) | | | {when} |\n", commands.join(", then "), run.name)
 }
