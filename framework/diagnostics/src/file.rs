@@ -1,13 +1,13 @@
-//! Files that people name, opened for reading.
+//! Opens files that people name.
 
 use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// Opens a file. What is none is refused and not opened: a named pipe would be waited for.
+/// Opens a file for reading. Folders, pipes and devices are refused: opening a named pipe would wait for its writer.
 ///
 /// # Errors
-/// The system's; what was found instead of a file.
+/// That of the system; what was found in place of a file.
 pub fn open(path: &Path) -> io::Result<File> {
     let kind = std::fs::metadata(path)?.file_type();
     // These are open already: a pipe there has a program at its other end.

@@ -1,4 +1,4 @@
-//! The program that runs nodes, as they see it: it reports failures at once, and says how long the run has taken.
+//! What the running program offers to nodes: warnings that people see at once, and the run time so far.
 
 use std::fmt;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use std::time::Duration;
 /// Called with the name of a node and what is wrong there.
 type Warn = dyn Fn(&str, &str) + Send + Sync;
 
-/// Shared by all nodes of a rig. Nothing that a node computes may depend on it: it says when files are written, not what is in them.
+/// Shared by all nodes of a rig. It decides when files are written, never what is in them: no result of a node may depend on it.
 #[derive(Clone, Default)]
 pub struct Host {
     warn: Option<Arc<Warn>>,
@@ -16,24 +16,24 @@ pub struct Host {
 }
 
 impl Host {
-    /// `warn` is given the name of a node and what is wrong there, as soon as it is known.
+    /// `warn` is called with the name of a node and what is wrong there.
     pub fn new(warn: impl Fn(&str, &str) + Send + Sync + 'static) -> Self {
         Self { warn: Some(Arc::new(warn)), seconds: Arc::default() }
     }
 
-    /// Says at once that something is wrong at node `instance`, such as a full disk; it goes on.
+    /// Prints a warning of node `instance`, such as a full disk, at once. The run continues.
     pub fn warn(&self, instance: &str, words: &str) {
         if let Some(warn) = &self.warn {
             warn(instance, words);
         }
     }
 
-    /// For who runs nodes: so much time has passed since the start.
+    /// Called by the engine: the time since the start of the run.
     pub fn tick(&self, elapsed: Duration) {
         self.seconds.store(elapsed.as_secs(), Ordering::Relaxed);
     }
 
-    /// Whole seconds that the run has taken. A file that grows is written when this changes, so that a run that is killed loses a second at most.
+    /// Whole seconds since the start of the run. Growing files are flushed when this changes, so that a killed run loses one second at most.
     pub fn seconds(&self) -> u64 {
         self.seconds.load(Ordering::Relaxed)
     }

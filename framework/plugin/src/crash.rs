@@ -1,13 +1,13 @@
-//! Signals that end the program inside a node of a library: which one that was, on standard error, before the program ends.
+//! Names the library node that was running when a signal (such as a segmentation fault) ends the program, on standard error.
 
 use std::cell::Cell;
 
 thread_local! {
-    /// What this thread is inside of, for people.
+    /// The message that names the library node which this thread is running.
     static INSIDE: Cell<Option<*const str>> = const { Cell::new(None) };
 }
 
-/// The result of `work`, which does not unwind; a signal that ends the program meanwhile says `words` first.
+/// Runs `work`, which does not unwind. A signal that ends the program meanwhile prints `words` first.
 pub(crate) fn named<R>(words: &str, work: impl FnOnce() -> R) -> R {
     let before = INSIDE.replace(Some(words));
     let result = work();
@@ -32,14 +32,14 @@ mod signals {
     use super::INSIDE;
 
     const SIGNALS: [i32; 5] = [SIGSEGV, SIGBUS, SIGILL, SIGFPE, SIGABRT];
-    /// What was done about each before.
+    /// The handlers that were installed before ours.
     static BEFORE: [OnceLock<sigaction>; SIGNALS.len()] = [const { OnceLock::new() }; SIGNALS.len()];
 
-    /// From now on signals find the words of [`named`](super::named).
+    /// Installs the handlers, once: from now on a fatal signal prints the words of [`named`](super::named).
     pub(crate) fn listen() {
         for (signal, before) in SIGNALS.into_iter().zip(&BEFORE) {
             before.get_or_init(|| {
-                // SAFETY: all zeros are a whole action, the default; the handler does only what handlers may.
+                // SAFETY: an action of zeros is valid, the default; the handler only does what is async-signal-safe.
                 unsafe {
                     let [mut action, mut before]: [sigaction; 2] = std::mem::zeroed();
                     action.sa_sigaction = tell as extern "C" fn(i32) as usize;
@@ -52,7 +52,7 @@ mod signals {
         }
     }
 
-    /// Says the words, and leaves what is to be done to whom it was left before: Rust's own handler, or the system. The cause comes again at once.
+    /// Prints the words and restores the earlier handler: Rust's own, or the default of the system. The faulting instruction then raises the signal again.
     extern "C" fn tell(signal: i32) {
         // SAFETY: the thread that the signal interrupted borrows the words; `write` and `sigaction` may be called in handlers.
         unsafe {

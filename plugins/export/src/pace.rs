@@ -1,14 +1,14 @@
-//! When a file that grows is written: at least once a second, of session time and of the time that the run takes.
+//! Decides when a growing file is flushed: at least once a second of session time and of run time.
 
 use std::path::Path;
 
 use foveate::node::Host;
 use foveate::prelude::*;
 
-/// Session time after which rows are written at the latest.
+/// Longest session time between two flushes.
 const FLUSH_PERIOD: Interval = Interval(1_000_000_000);
 
-/// The pace of one file, and the words at once when it cannot be written.
+/// The pace of one file, and its warning when it cannot be written.
 #[derive(Debug)]
 pub(crate) struct Pace {
     host: Host,
@@ -35,11 +35,11 @@ impl Pace {
         is_due
     }
 
-    /// Says once, and at once, why `file` cannot be written.
+    /// Warns once, at the first failure, why `file` cannot be written.
     pub(crate) fn warn(&mut self, file: &Path, why: &str) {
         if !std::mem::replace(&mut self.is_in_trouble, true) {
             let words =
-                format!("`{}` cannot be written ({why}); what is to go there is kept and tried again", file.display());
+                format!("`{}` cannot be written ({why}); its rows are kept and written later", file.display());
             self.host.warn(&self.instance, &words);
         }
     }

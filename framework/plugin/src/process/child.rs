@@ -19,9 +19,9 @@ use serde_json::Value;
 pub const LONGEST_FRAME: usize = 64 << 20;
 /// How much of its standard error is kept [bytes].
 const KEPT: usize = 2000;
-/// In the environment of a process and of all that it starts: which of this program's processes that is.
+/// Environment variable that marks a process node and all processes that it starts.
 const MARK: &str = "FOVEATE_PROCESS";
-/// Rounds of looking for processes to end, at most: one that starts others faster is not caught up with.
+/// Most rounds of searching `/proc` for processes to kill, so that a fork bomb does not hold up the end of a run.
 const KILL_ROUNDS: usize = 10;
 /// How long a process that closed its output has to end [ms].
 const TO_END_MS: f64 = 200.0;
@@ -66,7 +66,7 @@ impl Child {
             |error: &dyn std::fmt::Display| NodeError::input(format_args!("`{name}` cannot be started: {error}"));
         let mut child = Command::new(program);
         child.args(&command[1..]).current_dir(dir).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // What the program starts in its turn ends with it: what stays in its group, and what still bears its mark.
+        // Processes that the program starts are killed with it: those of its group, and those that carry its mark.
         static N_STARTED: AtomicU64 = AtomicU64::new(0);
         let mark = format!("{}.{}", std::process::id(), N_STARTED.fetch_add(1, Ordering::Relaxed));
         child.process_group(0).env(MARK, &mark);
@@ -134,7 +134,7 @@ impl Child {
         }
         let _ = self.child.kill();
         let mark = format!("{MARK}={}", self.mark).into_bytes();
-        // One that starts another meanwhile is found with it in the next round; whom the system does not let go is left.
+        // A process that is started meanwhile is found in the next round. One that may not be killed stays.
         for _ in 0..KILL_ROUNDS {
             let left = std::fs::read_dir("/proc").into_iter().flatten().flatten().filter_map(|it| {
                 let environment = std::fs::read(it.path().join("environ")).ok()?;
