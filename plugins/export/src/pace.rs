@@ -38,8 +38,7 @@ impl Pace {
     /// Warns once, at the first failure, why `file` cannot be written.
     pub(crate) fn warn(&mut self, file: &Path, why: &str) {
         if !std::mem::replace(&mut self.is_in_trouble, true) {
-            let words =
-                format!("`{}` cannot be written ({why}); its rows are kept and written later", file.display());
+            let words = format!("`{}` cannot be written ({why}); its rows are kept and written later", file.display());
             self.host.warn(&self.instance, &words);
         }
     }
