@@ -349,7 +349,7 @@ fn read(path: &Path, options: &ImportOptions) -> Result<Calibration, Calibration
     if dlt::is_meant(start) {
         return dlt::load(path, &text, options);
     }
-    // Of arrays that go on over several lines nothing is told by a line.
+    // One line does not determine an array that spans several lines.
     let is_within = |line: &&str| line.starts_with(|it: char| "]+-\"'".contains(it) || it.is_ascii_digit());
     let lines = || start.lines().map(str::trim_start).filter(|it| !it.is_empty() && !is_within(it));
     let n_of_toml = lines().filter(|line| line.starts_with(['[', '#']) || line.contains('=')).count();

@@ -59,8 +59,8 @@ impl Boundaries {
         if let Some(mut turns) = self.turns.take() {
             turns.set_pitch(self.tracker.options().pitch);
             let mut off = [0.0; FRAMES];
-            if let Some((pictures, foretold)) = by {
-                turns.predict(pictures, foretold);
+            if let Some((pictures, predicted)) = by {
+                turns.predict(pictures, predicted);
                 if has_pose {
                     off = turns.align(edges, expected);
                 }
@@ -79,8 +79,8 @@ impl Boundaries {
             return Followed { lines: Some(lines(&self.tracker)), off: off[ahead] };
         }
         let mut off = 0.0;
-        if let Some((pictures, foretold)) = by {
-            self.tracker.predict(pictures, foretold);
+        if let Some((pictures, predicted)) = by {
+            self.tracker.predict(pictures, predicted);
             if has_pose {
                 off = self.tracker.align(edges, expected);
             }

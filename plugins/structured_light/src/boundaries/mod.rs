@@ -426,8 +426,8 @@ impl Boundaries {
                 }
                 let by = velocity * (time - before.stamp.time).as_s();
                 let field = shift(&before.camera, &camera, &self.projector, distance, &by);
-                let foretold = |x: f32, y: f32| field.at(x, y).map(|it| if it.is_finite() { it } else { 0.0 });
-                self.follow(&edges, said, Some((passed as u32, &foretold)), time)
+                let predicted = |x: f32, y: f32| field.at(x, y).map(|it| if it.is_finite() { it } else { 0.0 });
+                self.follow(&edges, said, Some((passed as u32, &predicted)), time)
             }
             Some(_) if passed == 0 => {
                 let fault =
