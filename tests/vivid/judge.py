@@ -58,7 +58,7 @@ check("VIVID faults 0" in text, "the run with faults ended well")
 for pressed in ["damage", "drop", "fatal", "disconnect"]:
     check(f"VIVID pressed {pressed}" in text, f"fault injected: {pressed}")
 check("VIVID unplugged 0" in text and "VIVID plugged 2" in text, "the devices were away and came back")
-check("is damaged, the driver says" in words, "the damaged buffer is a gap with its reason")
+check("is marked as damaged by the driver" in words, "the damaged buffer is a gap with its reason")
 check(figures["v4l.lost_by_driver.gray"] >= 5, f"dropped frames are gaps: {figures['v4l.lost_by_driver.gray']}")
 check("the driver lost this frame" in words, "with their reason")
 check("the driver reports" in words, "the broken stream is a gap with its reason")
