@@ -278,7 +278,6 @@ fn a_mark_without_a_dot_is_followed_by_its_patch() {
 /// Prints a row a case: `cargo test -p foveate-painted-mark --test tracking how_long -- --nocapture`.
 #[test]
 fn how_long_marks_live_and_how_many_are_wrong() {
-    let as_paper = TrackerSettings { checks: false, reanchor: false, find: false, ..TrackerSettings::default() };
     let fast = Play { speed_px: 50.0, ..Play::default() };
     let mut n_named = 0;
     for (name, play, names) in [
@@ -289,25 +288,18 @@ fn how_long_marks_live_and_how_many_are_wrong() {
         ("the same, with a guide", Play { passer: true, speed_px: 6.0, ..Play::default() }, Names::ByGuide),
         ("dots 9 px apart, turns by 0.5 rad", Play { apart_px: 9.0, turn: 0.5, ..fast }, Names::ByHand),
     ] {
-        for (way, settings) in [("checked", TrackerSettings::default()), ("as the paper", as_paper.clone())] {
-            if names == Names::ByGuide && !settings.checks {
-                continue;
-            }
-            let score = run(&mut Sequence::new(play.clone(), 120, 11), settings, names);
-            println!(
-                "{name}, {way}: {} named, {} wrong, {} on another mark, {:.1} % of the visible, rms {:.3} px, median length {} of 120",
-                score.named,
-                score.wrong,
-                score.swapped,
-                100.0 * score.seen as f64 / score.visible as f64,
-                score.rms_px,
-                score.median_length()
-            );
-            if way == "checked" {
-                assert_eq!((score.wrong, score.swapped), (0, 0), "{name}");
-                n_named += score.named;
-            }
-        }
+        let score = run(&mut Sequence::new(play.clone(), 120, 11), TrackerSettings::default(), names);
+        println!(
+            "{name}: {} named, {} wrong, {} on another mark, {:.1} % of the visible, rms {:.3} px, median length {} of 120",
+            score.named,
+            score.wrong,
+            score.swapped,
+            100.0 * score.seen as f64 / score.visible as f64,
+            score.rms_px,
+            score.median_length()
+        );
+        assert_eq!((score.wrong, score.swapped), (0, 0), "{name}");
+        n_named += score.named;
     }
     assert!(n_named > 20_000, "{n_named}");
 }

@@ -96,17 +96,7 @@ fn a_camera_that_sees_the_light_rarely_is_synchronised_too() {
 /// Times that a camera's clock shows are those of its pictures: k / rate, to the last digit.
 #[test]
 fn cameras_of_any_exact_rate_are_synchronised() {
-    const RATES_HZ: [&[f64]; 9] = [
-        &[10.0],
-        &[12.0],
-        &[25.0],
-        &[29.97],
-        &[30.0],
-        &[60.0],
-        &[10.0, 12.0, 25.0],
-        &[29.97, 30.0, 60.0],
-        &[10.0, 60.0],
-    ];
+    const RATES_HZ: [&[f64]; 4] = [&[12.0], &[29.97], &[10.0, 12.0, 25.0], &[29.97, 30.0, 60.0]];
     for (seed, rates_hz) in RATES_HZ.into_iter().enumerate() {
         let slow = rates_hz[0] <= 12.0;
         for (rounded_s, dropped) in [(0.0, 0.0), (1e-3, 0.0), (0.0, 0.1), (1e-3, 0.1)] {

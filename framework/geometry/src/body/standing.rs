@@ -85,7 +85,7 @@ fn wrong(seeds: std::ops::Range<u64>, n_cameras: usize, vary: bool) -> Vec<Strin
 
 #[test]
 fn legs_side_by_side_are_two_straight_legs() {
-    let wrong = wrong(9200..9212, 8, false);
+    let wrong = wrong(9200..9206, 8, false);
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
@@ -93,7 +93,7 @@ fn legs_side_by_side_are_two_straight_legs() {
 #[test]
 fn a_chest_that_was_taken_for_the_head_is_given_back_soon() {
     let (mut begun, mut begun_wrong, mut wrong) = (0, 0, Vec::new());
-    for seed in 9960..9984 {
+    for seed in 9960..9972 {
         let mut random = Random::new(seed);
         let mut stance = Stance { stature: random.uniform_in(1.55, 1.9), ..Stance::upright(&mut random) };
         stance.vary(&mut random);
@@ -147,15 +147,15 @@ fn hips_of_stout_people_whose_legs_touch_are_where_their_stature_lets_expect_the
 
 #[test]
 fn people_in_any_stance_are_found_with_all_limbs() {
-    let wrong = wrong(9300..9320, 10, true);
-    assert!(wrong.len() <= 1, "{} of 20 are wrong\n{}", wrong.len(), wrong.join("\n"));
+    let wrong = wrong(9300..9310, 10, true);
+    assert!(wrong.len() <= 1, "{} of 10 are wrong\n{}", wrong.len(), wrong.join("\n"));
 }
 
 /// With four cameras in a square an arm is a sheet in which it could lie anywhere.
 #[test]
 fn what_could_lie_elsewhere_in_four_views_is_not_measured() {
     let mut wrong = Vec::new();
-    for seed in 9860..9892 {
+    for seed in 9860..9876 {
         let mut random = Random::new(seed);
         let mut stance = Stance::upright(&mut random);
         stance.vary(&mut random);
@@ -165,8 +165,8 @@ fn what_could_lie_elsewhere_in_four_views_is_not_measured() {
         let far = off(&joints, &truth).into_iter().filter(|it| it.1.is_finite() && it.1 > ELSEWHERE);
         wrong.extend(far.filter(|it| is_measured(it.0)).map(|it| format!("{seed}: {it:?}")));
     }
-    // Of 448.
-    assert!(wrong.len() <= 4, "{} joints are elsewhere and measured\n{}", wrong.len(), wrong.join("\n"));
+    // Of 224.
+    assert!(wrong.len() <= 2, "{} joints are elsewhere and measured\n{}", wrong.len(), wrong.join("\n"));
 }
 
 /// Voxels of 25 mm in boxes, each from its least to its greatest corner [m].
@@ -183,7 +183,7 @@ fn boxes(boxes: &[[[f64; 3]; 2]]) -> VoxelField {
 #[test]
 fn chairs_armchairs_and_boxes_are_nobody() {
     let mut found = Vec::new();
-    for seed in 9500..9510 {
+    for seed in 9500..9504 {
         let mut random = Random::new(seed);
         let mut of = |low: f64, high: f64| random.uniform_in(low, high);
         let [wide, deep, seat, back, arm] = [of(0.6, 0.9), of(0.6, 0.8), of(0.38, 0.48), of(0.85, 1.15), of(0.10, 0.2)];
@@ -212,7 +212,7 @@ fn chairs_armchairs_and_boxes_are_nobody() {
             }
         }
     }
-    assert!(found.is_empty(), "{} of 30\n{}", found.len(), found.join("\n"));
+    assert!(found.is_empty(), "{} of 12\n{}", found.len(), found.join("\n"));
 }
 
 #[test]
@@ -239,7 +239,7 @@ fn no_head_is_seen_where_the_volume_cuts_a_body_off() {
 fn shoulders_below_the_end_of_the_volume_are_no_heads_and_raised_arms_may_leave_it() {
     const SIZE: f64 = 0.025;
     let (mut invented, mut found) = (Vec::new(), 0);
-    for seed in 9900..9912 {
+    for seed in 9900..9906 {
         let mut random = Random::new(seed);
         let stance = Stance { arms: [0.12, 0.15], ..Stance::upright(&mut random) };
         let raised = Stance { arms: [2.4, 2.9], elbows: [0.3; 2], ..stance.clone() };
@@ -264,8 +264,8 @@ fn shoulders_below_the_end_of_the_volume_are_no_heads_and_raised_arms_may_leave_
         }
         found += usize::from(off(&raised, &|_, head| head + 0.25).is_some_and(|it| it < 0.05));
     }
-    assert!(invented.is_empty(), "{} of 48\n{}", invented.len(), invented.join("\n"));
-    assert!(found >= 11, "of 12 with raised arms {found} are found");
+    assert!(invented.is_empty(), "{} of 24\n{}", invented.len(), invented.join("\n"));
+    assert!(found >= 5, "of 6 with raised arms {found} are found");
 }
 
 /// Their stature is not stated. Heads of 0.1 m are three voxels wide, so that many children are not found at all; none may be found as another person. Of adults who crouch as low as children stand, the knees are where adults' are.
@@ -273,7 +273,7 @@ fn shoulders_below_the_end_of_the_volume_are_no_heads_and_raised_arms_may_leave_
 fn children_are_found_as_children_and_adults_who_crouch_as_adults() {
     for (is_child, knees) in [(true, [0.0, 0.5]), (false, [1.6, 2.5])] {
         let (mut wrong, mut lost) = (Vec::new(), 0);
-        for seed in 9720..9752 {
+        for seed in 9720..9736 {
             let mut random = Random::new(seed);
             let mut stance = Stance::upright(&mut random);
             if seed % 2 == 1 {
@@ -299,7 +299,7 @@ fn children_are_found_as_children_and_adults_who_crouch_as_adults() {
             }
         }
         assert!(
-            wrong.len() <= 1 && lost <= if is_child { 16 } else { 3 },
+            wrong.len() <= 1 && lost <= if is_child { 8 } else { 2 },
             "child {is_child}: lost {lost}\n{}",
             wrong.join("\n")
         );

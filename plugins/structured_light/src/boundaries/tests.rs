@@ -297,9 +297,7 @@ fn read(first_shows: Option<u32>, from: usize, lost: Option<usize>) -> (Vec<(Tim
 
 #[test]
 fn a_recording_is_read_whichever_pattern_its_first_picture_shows() {
-    for (first_shows, from, lost) in
-        [(Some(2), 0, None), (None, 0, None), (None, 1, None), (None, 2, None), (None, 3, None), (None, 0, Some(8))]
-    {
+    for (first_shows, from, lost) in [(Some(2), 0, None), (None, 1, None), (None, 3, None), (None, 0, Some(8))] {
         let (maps, report) = read(first_shows, from, lost);
         for (at, map) in &maps {
             let number = (0..18).find(|it| time(*it) == *at).unwrap();

@@ -71,7 +71,7 @@ fn run(stage: &Stage, shown: impl Fn(usize) -> Shown, distance_m: [f64; 2]) -> (
 #[track_caller]
 fn check(way: Way, upset: fn(usize) -> Shown, words: &str) -> Vec<Judged> {
     let (mut all, mut said) = (Vec::new(), Vec::new());
-    for (seed, stripe, wall) in [(1, 6, None), (2, 10, Some(1.75)), (16, 10, Some(1.75))] {
+    for (seed, stripe, wall) in [(1, 6, None), (16, 10, Some(1.75))] {
         let stage = Stage::new(stripe, way, wall, seed);
         let shown = |it: usize| if it < UPSET { (it, it as f64) } else { upset(it) };
         let (judged, remarks) = run(&stage, shown, [1.1, 1.9]);

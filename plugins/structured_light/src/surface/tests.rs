@@ -210,7 +210,7 @@ fn planes_are_not_held_and_memory_is_bounded() {
 fn what_all_points_of_a_cloud_share_is_no_noise() {
     let mut random = Random::new(8);
     let mut model = Model::new(options());
-    let (mut normalised, n) = (0.0, 20);
+    let (mut normalised, n) = (0.0, 10);
     for number in 0..=n {
         let truth = Isometry3::translation(0.0, 2e-4 * random.normal(), 5e-4 * random.normal());
         let mut cloud = piece(&full(0.001, false, &mut random), &truth);
@@ -235,7 +235,7 @@ fn what_all_points_of_a_cloud_share_is_no_noise() {
 
 #[test]
 fn where_older_clouds_fade_errors_of_poses_add_up_and_covariances_with_them() {
-    let (mut normalised, n) = (0.0, 20);
+    let (mut normalised, n) = (0.0, 10);
     for seed in 0..n {
         let mut random = Random::new(seed);
         // Of each cloud, the next one finds hardly more than itself.

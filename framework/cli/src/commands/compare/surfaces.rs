@@ -403,8 +403,8 @@ mod tests {
     fn a_scan_in_another_space_and_unit_is_laid_on_its_reference() {
         let turn = UnitQuaternion::from_euler_angles(0.4, -2.0, 1.1);
         let moved = Isometry3::from_parts(nalgebra::Translation3::new(0.3, -0.8, 1.2), turn);
-        let scan = hill(61, &moved, 1.0, "comment metres, scan\n");
-        let reference = hill(150, &Isometry3::identity(), 1000.0, "");
+        let scan = hill(41, &moved, 1.0, "comment metres, scan\n");
+        let reference = hill(90, &Isometry3::identity(), 1000.0, "");
         let (code, figures) = compared(&scan, &reference, &["--align", "--within", "0.5"]);
         assert_eq!(code, Ok(exit::DONE), "{figures:#}");
         assert!(figures["a_to_b"]["p95_mm"].as_f64().unwrap() < 0.1, "{figures:#}");
@@ -420,15 +420,15 @@ mod tests {
 
     #[test]
     fn a_scan_that_lies_mostly_beside_its_reference_keeps_no_promise() {
-        let whole = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
+        let whole = hill(41, &Isometry3::identity(), 1.0, "comment metres\n");
         let reference = |until: f64| {
             let is_kept =
                 |it: &&str| it.split(' ').next().and_then(|it| it.parse().ok()).is_some_and(|x: f64| x < until);
-            let points = hill(61, &Isometry3::identity(), 1.0, "");
+            let points = hill(41, &Isometry3::identity(), 1.0, "");
             let (_, points) = points.split_once("end_header\n").unwrap();
             let kept: Vec<&str> = points.lines().filter(is_kept).collect();
             let (header, _) = whole.split_once("end_header\n").unwrap();
-            let header = header.replace("vertex 3721", &format!("vertex {}", kept.len()));
+            let header = header.replace("vertex 1681", &format!("vertex {}", kept.len()));
             format!("{header}end_header\n{}\n", kept.join("\n"))
         };
         for (until, expected) in [(-0.03, exit::UNMET), (0.03, exit::DONE)] {
@@ -439,8 +439,8 @@ mod tests {
 
     #[test]
     fn units_that_are_neither_metres_nor_millimetres_are_suggested() {
-        let scan = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
-        let reference = hill(150, &Isometry3::identity(), 100.0, "");
+        let scan = hill(41, &Isometry3::identity(), 1.0, "comment metres\n");
+        let reference = hill(90, &Isometry3::identity(), 100.0, "");
         let (_, figures) = compared(&scan, &reference, &[]);
         assert!(
             figures["notes"][0].as_str().unwrap().contains("--metres-per-unit-b 0.01 if it is in centimetres"),
@@ -452,8 +452,8 @@ mod tests {
 
     #[test]
     fn a_scale_is_told() {
-        let scan = hill(61, &Isometry3::identity(), 0.97, "comment metres\n");
-        let reference = hill(150, &Isometry3::identity(), 1.0, "comment metres\n");
+        let scan = hill(41, &Isometry3::identity(), 0.97, "comment metres\n");
+        let reference = hill(90, &Isometry3::identity(), 1.0, "comment metres\n");
         let (_, figures) = compared(&scan, &reference, &["--scale"]);
         let scale = figures["b_from_a"]["scale"].as_f64().unwrap();
         assert!((scale * 0.97 - 1.0).abs() < 1e-3, "{figures:#}");
@@ -463,13 +463,13 @@ mod tests {
     fn a_shape_that_is_none_of_the_reference_does_not_pass_by_shrinking() {
         // A ball of points beside the hill.
         let mut random = foveate_estimation::random::Random::new(3);
-        let header = "ply\nformat ascii 1.0\ncomment metres\nelement vertex 3000\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-        let ball: String = (0..3000)
+        let header = "ply\nformat ascii 1.0\ncomment metres\nelement vertex 1000\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+        let ball: String = (0..1000)
             .map(|_| format!("{} {} {}\n", 0.1 * random.normal(), 0.1 * random.normal(), 0.1 * random.normal()))
             .collect();
         let (code, figures) = compared(
             &format!("{header}{ball}"),
-            &hill(61, &Isometry3::identity(), 1.0, "comment metres\n"),
+            &hill(41, &Isometry3::identity(), 1.0, "comment metres\n"),
             &["--scale", "--within", "1"],
         );
         assert_ne!(code, Ok(exit::DONE), "{figures:#}");
@@ -477,7 +477,7 @@ mod tests {
 
     #[test]
     fn coverage_is_given_both_ways_and_a_place_of_little_overlap_is_remarked_on() {
-        let whole = hill(61, &Isometry3::identity(), 1.0, "comment metres\n");
+        let whole = hill(41, &Isometry3::identity(), 1.0, "comment metres\n");
         let (_, figures) = compared(&whole, &whole, &["--align"]);
         assert_eq!(
             (figures["coverage"].as_f64(), figures["coverage_of_a"].as_f64()),
@@ -489,8 +489,8 @@ mod tests {
         let (header, points) = whole.split_once("end_header\n").unwrap();
         let mut random = foveate_estimation::random::Random::new(4);
         let mut far = || format!("{} {} {}\n", random.uniform(), random.uniform(), 0.5 + random.uniform());
-        let more: String = (0..7442).map(|_| far()).collect();
-        let scan = format!("{}end_header\n{points}{more}", header.replace("3721", "11163"));
+        let more: String = (0..3362).map(|_| far()).collect();
+        let scan = format!("{}end_header\n{points}{more}", header.replace("1681", "5043"));
         let (code, figures) = compared(&scan, &whole, &["--align", "--within", "1", "--farthest", "5"]);
         assert!(figures["b_from_a"]["overlap"].as_f64().unwrap() < 0.4, "{figures:#}");
         assert!(

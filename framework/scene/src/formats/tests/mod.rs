@@ -110,7 +110,7 @@ fn check_same(before: &Calibration, after: &Calibration, what: impl fmt::Display
         let turn = a.camera_from_world.rotation.inverse() * b.camera_from_world.rotation;
         assert!(turn.imag().norm() < 1e-9, "{what} {name}: turned by {}", turn.angle());
         let mut seen = 0;
-        for _ in 0..1000 {
+        for _ in 0..200 {
             let depth = spread.within(0.5, 8.0);
             let (x, y) = (spread.within(-0.3, 0.3) * depth, spread.within(-0.5, 0.5) * depth);
             let point = a.camera_from_world.inverse_transform_point(&Point3::new(x, y, depth));
@@ -118,16 +118,16 @@ fn check_same(before: &Calibration, after: &Calibration, what: impl fmt::Display
             assert!((p - q).norm() <= 1e-9 * (1.0 + p.coords.norm()), "{what} {name}: {p} {q}");
             seen += 1;
         }
-        assert!(seen > 900, "{what} {name}: {seen} of 1000 points seen");
+        assert!(seen > 180, "{what} {name}: {seen} of 200 points seen");
     }
 }
 
 #[test]
 fn what_a_form_can_hold_comes_back() {
     for format in Format::ALL {
-        for seed in 0..20 {
+        for seed in 0..5 {
             let count = if format == Format::OpenCvStereo { 2 } else { 3 };
-            let before = cameras(format, count, f64::from(seed) / 20.0);
+            let before = cameras(format, count, f64::from(seed) / 5.0);
             let after = there_and_back(&before, format);
             check_same(&before, &after, format_args!("{format}, seed {seed}"));
             assert_eq!(after.length_unit, before.length_unit, "{format}");

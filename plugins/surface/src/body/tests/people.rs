@@ -100,8 +100,8 @@ const EXCHANGED: [usize; 14] = [0, 1, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12];
 
 #[test]
 fn people_of_tubes_are_fitted_from_clicked_joints() {
-    // The last two are fitted with shanks too short for them at first.
-    for (height, girth) in [(1.75, 1.0), (1.68, 1.05), (1.85, 1.2), (1.65, 1.2)] {
+    // The second is fitted with shanks too short for it at first.
+    for (height, girth) in [(1.68, 1.05), (1.65, 1.2)] {
         let message = fitted(height, girth, AS_THEY_ARE);
         let skeleton = message.list.first().unwrap_or_else(|| panic!("{height} m: {:?}", message.unmodelled));
         let truth = joints(height);
@@ -170,16 +170,15 @@ fn sizes_that_few_people_have_are_refused_with_the_limit_that_holds_for_them() {
 
 #[test]
 fn points_between_two_limbs_do_not_keep_a_person_from_settling() {
-    for (height, girth) in [(1.75, 1.0), (1.85, 1.2)] {
-        let (body, template) = metaball::person(1.75);
-        let options = metaball::BodyFitOptions { joint_sigma_m: 0.012, ..metaball::BodyFitOptions::default() };
-        let mut tracker = BodyTracker::new(body, template, Rules { points: 1500, options, ..rules() });
-        let clicks = joints(height).into_iter().enumerate().collect();
-        for message in 0..3 {
-            let surface = surface(height, girth, 0.04 * f64::from(message));
-            let Outcome::Followed(frame) = tracker.track(&surface, &clicks, &[]) else { panic!("no body") };
-            assert!(frame.fit.settled, "{height} m, message {message}: {:?}", frame.fit.doubts);
-        }
+    let (height, girth) = (1.85, 1.2);
+    let (body, template) = metaball::person(1.75);
+    let options = metaball::BodyFitOptions { joint_sigma_m: 0.012, ..metaball::BodyFitOptions::default() };
+    let mut tracker = BodyTracker::new(body, template, Rules { points: 1500, options, ..rules() });
+    let clicks = joints(height).into_iter().enumerate().collect();
+    for message in 0..3 {
+        let surface = surface(height, girth, 0.04 * f64::from(message));
+        let Outcome::Followed(frame) = tracker.track(&surface, &clicks, &[]) else { panic!("no body") };
+        assert!(frame.fit.settled, "{height} m, message {message}: {:?}", frame.fit.doubts);
     }
 }
 

@@ -30,7 +30,7 @@ fn a_black_or_white_picture_in_a_set_without_inverse_pictures_is_named_and_the_o
 #[test]
 fn what_is_wrong_with_one_axis_names_no_picture_of_the_other() {
     // A frame that was dropped, a bit inverted, two bits in each other's places; stripes that are hardly resolved.
-    let cases = [(Inverse::None, 1, 2), (Inverse::None, 2, 5), (Inverse::After, 3, 4)];
+    let cases = [(Inverse::None, 2, 5), (Inverse::After, 3, 4)];
     for (inverse, seed, plane) in cases {
         let code = StripeCode { inverse, ..wall_code() };
         let whole = Scene { blur: 1.3, ..wall(seed) }.pictures(&code);

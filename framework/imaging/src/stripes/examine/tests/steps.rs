@@ -25,11 +25,11 @@ fn a_phase_step_of_a_projector_of_unknown_response_is_named_and_worked_out() {
     named_and_worked_out(0.5);
 }
 
-/// Each phase step of a wall's set, under a projector of this power, taken away.
+/// Phase steps of a wall's set, under a projector of this power, taken away.
 fn named_and_worked_out(power: f64) {
     let code = StripeCode::phase([160, 120], 8, 8);
     let whole = Scene { power, ..wall(3) }.pictures(&code);
-    for (axis, step) in Axis::BOTH.into_iter().flat_map(|axis| (0..8).map(move |step| (axis, step))) {
+    for (axis, step) in Axis::BOTH.into_iter().flat_map(|axis| [0, 1, 4, 7].map(move |step| (axis, step))) {
         let place = code.place(Shown::Phase { axis, step }).unwrap();
         let mut pictures = whole.clone();
         pictures.remove(place);
@@ -139,13 +139,13 @@ fn a_bit_and_a_phase_step_in_each_others_places_are_no_exposure() {
         assert!(is_it, "{bit}, {step}: {faults:?}");
     }
     let mut n_mended = 0;
-    for (bit, step) in [2, 3, 6, 7].into_iter().flat_map(|bit| (0..8).map(move |step| (bit, step))) {
+    for (bit, step) in [2, 7].into_iter().flat_map(|bit| (0..8).map(move |step| (bit, step))) {
         let (said, usable) = of_steps(8, |pictures, place| pictures.swap(bit, place(step)));
         let is_mended = said.iter().any(|it| matches!(it, SetFault::Exchanged { .. }));
         assert!(!is_mended || said.len() == 1 && usable == Axis::BOTH, "{bit}, {step}: {said:?}");
         n_mended += usize::from(is_mended);
     }
-    assert!(n_mended >= 16, "{n_mended}");
+    assert!(n_mended >= 8, "{n_mended}");
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn prepared(steps: u32, power: f64, change: impl Fn(&mut [Vec<u8>])) -> (Vec<Vec
 
 #[test]
 fn a_step_of_the_columns_in_the_place_of_one_of_the_rows_is_taken_for_it() {
-    for (steps, power) in [(3, 1.0), (4, 1.0), (8, 1.0), (4, 2.2), (8, 2.2)] {
+    for (steps, power) in [(3, 1.0), (4, 2.2), (8, 1.0)] {
         let code = StripeCode::phase([160, 120], steps, 8);
         let place = |axis, step| code.place(Shown::Phase { axis, step }).unwrap();
         let (whole, faults) = prepared(steps, power, |_| ());
