@@ -8,8 +8,13 @@ static FAILED: AtomicBool = AtomicBool::new(false);
 /// Writes `text` to standard output. A reader that has gone away (`| head`) is no error; another fault, such as a full disk, is
 /// reported once, and [`failed`] knows.
 pub fn say(text: &str) {
+    write(text.as_bytes());
+}
+
+/// As [`say`], what is no text.
+pub fn write(bytes: &[u8]) {
     let mut out = std::io::stdout().lock();
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    let written = out.write_all(bytes).and_then(|()| out.flush());
     if let Err(error) = written
         && error.kind() != ErrorKind::BrokenPipe
         && !FAILED.swap(true, Ordering::Relaxed)

@@ -17,6 +17,8 @@ pub struct Report {
     pub about: BTreeMap<String, &'static FigureSpec>,
     /// Files and pictures written, relative to the results folder where they lie in it.
     pub files: Vec<PathBuf>,
+    /// The one of these that a person should open first; of several nodes that name one, the last in the order of scales decides.
+    pub open_first: Option<PathBuf>,
     /// Sentences for the person who ran it.
     pub remarks: Vec<String>,
 }
@@ -57,6 +59,7 @@ impl Report {
             self.figures.insert(name, value);
         }
         self.files.extend(other.files);
+        self.open_first = other.open_first.or(self.open_first.take());
         other.remarks.into_iter().for_each(|it| self.remark(it));
         undeclared
     }

@@ -113,6 +113,7 @@ impl Node for ExportCloud {
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
+        report.open_first = self.report.files.iter().find(|it| it.to_string_lossy().ends_with("_shaded.png")).cloned();
         report.files.append(&mut self.report.files);
         report.figure("export.clouds", self.written as f64);
         if self.left_out > 0 && self.file.is_wanted() {

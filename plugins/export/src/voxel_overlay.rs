@@ -190,6 +190,7 @@ impl Node for ExportVoxelOverlay {
                 self.name
             ));
         }
+        report.open_first = self.report.files.last().cloned();
         report.files.append(&mut self.report.files);
         self.fault.take().map_or(Ok(()), |fault| Err(NodeError::input(fault)))
     }

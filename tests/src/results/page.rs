@@ -15,8 +15,8 @@ const HEAD: &str = "\
 
 Each figure comes from the command in bold above it. `cargo run --release -p foveate-tests --bin results` runs the commands (all, or those whose names are given, in
 brackets here; `--quick`: those that take seconds) and writes this page; `results --check --quick` fails where a figure leaves its bound. The claims are in
-`tests/results/*.toml`. Rows with **✗** fall short of their goal. Two values are the median and the worst seed. Accuracy is the same on each machine; times are of two virtual cores
-at 2.8 GHz, so compare them with the peer's from the same run only. `foveate` is `target/release/foveate` after `cargo build --release`; commands that read recordings need `FOVEATE_DATA`.
+`tests/results/*.toml`. Rows with **✗** fall short of their goal. Two values are the median and the worst seed; a goal is the median's, a second one the worst seed's. Beside a command stand the commit that was measured (`+`: and changes) and how long it took. Accuracy is the same on each machine; times are of two virtual cores
+at 2.8 GHz, so compare them with the peer's from the same run only. `foveate` is `target/release/foveate` after `cargo build --release`; commands that read recordings need `FOVEATE_DATA`, and those of the built-in face ran without it.
 ";
 
 /// The page.

@@ -125,6 +125,9 @@ pub(super) fn run(args: &PatternsArgs) -> u8 {
         };
         return complain(&format!("`{option}`: {}", fault.message));
     }
+    if args.out.join("patterns.toml").exists() {
+        return complain(&format!("`{}` holds patterns already, expected another folder", args.out.display()));
+    }
     match write_patterns(&settings, args.gamma.unwrap_or(1.0), &args.out) {
         Ok(names) => {
             let pictures = names.len() - 1;

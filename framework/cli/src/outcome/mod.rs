@@ -8,6 +8,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use foveate_engine::{FaultRecord, GapRecord, Outcome, Unmet};
+use foveate_node::Report;
 use foveate_node::error::Blame;
 use foveate_rig::graph::Graph;
 
@@ -46,16 +47,17 @@ pub fn describe(graph: &Graph, outcome: &Outcome, folder: &Path) -> String {
         let more = if *others == 0 { String::new() } else { format!("; and {others} like it, in events.csv") };
         line(&format!("requirement not met{must}: {}: {}{more}", unmet.edge, unmet.what));
     }
-    files(&mut text, &outcome.report.files, folder);
+    files(&mut text, &outcome.report, folder);
     text
 }
 
 /// Where the results are, which picture to open first, and the other files.
-fn files(text: &mut String, files: &[PathBuf], folder: &Path) {
+fn files(text: &mut String, report: &Report, folder: &Path) {
     let is_picture = |it: &&PathBuf| it.extension().is_some_and(|it| it == "svg" || it == "png" || it == "html");
     // Those that had to go elsewhere are all named.
-    let (elsewhere, files): (Vec<_>, Vec<_>) = files.iter().partition(|it| it.is_absolute());
-    let (pictures, others): (Vec<&PathBuf>, Vec<_>) = files.into_iter().partition(is_picture);
+    let (elsewhere, files): (Vec<_>, Vec<_>) = report.files.iter().partition(|it| it.is_absolute());
+    let (mut pictures, others): (Vec<&PathBuf>, Vec<_>) = files.into_iter().partition(is_picture);
+    pictures.sort_by_key(|it| report.open_first.as_ref() != Some(*it));
     let list = |names: &[&PathBuf]| {
         let mut shown: Vec<_> = names.iter().take(FILES_SHOWN).map(|it| it.display().to_string()).collect();
         if names.len() > FILES_SHOWN {

@@ -35,11 +35,11 @@ figures! {
     "group_distance_mm.{median,p95,max}([compared])": mm, low, "Deviation of distances from their means within four marks, one and the three nearest to it, whose true distances change least: the six pairs below the eye of [Davis 2002 §5.5]";
     "pair_error_mm.{median,p95,max}([compared])": mm, low, "Error of the distance of two measured marks 15 to 80 mm apart; pairs seen together in less than a fifth of the frames are left out";
     "mark_identity_errors([compared])": count, low, "Measured samples more than 4 mm off their own true mark and closer to another one";
-    "marks_extra([compared])": count, low, "Labels without a true mark";
+    "marks_extra([compared])": count, low, "Names given to what is no mark, or a second time to one" => "names given to what is no mark, or a second time to one";
     "marks_extra.{measured,filled}([compared])": count, low, "Samples of these labels, over all frames: no other figure counts them";
     "marks_measured([compared])": count, neither, "Measured samples of labels that are a true mark, over all frames";
-    "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off";
-    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world" => "all marks off the truth, in the world";
+    "face_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, once the rigid motion of the frame is taken off" => "all marks off the truth, motion of the head taken off";
+    "face_world_mm.{median,p95}": mm, low, "Distance of all marks, measured and filled, from the truth, in the world: with what the poses of the pan-tilt heads and the calibration are off";
     "filled_mm.{median,p95}": mm, low, "Distance of filled marks from the truth, once the rigid motion of the frame is taken off" => "filled marks off the truth";
     "filled_in_view_mm.{median,p95}": mm, low, "The same of those filled marks that two cameras or more could see, from 72° off their normal at most: marks that were not found, rather than hidden";
     "filled_in_view": count, low, "Filled samples of marks that two cameras or more could see, over all frames";

@@ -105,7 +105,10 @@ impl Node for ExportMarkPictures {
         }
         match &self.out_dir {
             None => Ok(()),
-            Some(folder) => write_pictures(folder, &self.settings.prefix, &self.draw(), report),
+            Some(folder) => {
+                report.open_first = Some(format!("{}stills.svg", self.settings.prefix).into());
+                write_pictures(folder, &self.settings.prefix, &self.draw(), report)
+            }
         }
     }
 }

@@ -140,6 +140,7 @@ impl Node for ExportSurface {
             return Ok(());
         };
         let written = self.write(&mesh);
+        report.open_first = self.report.files.iter().find(|it| it.to_string_lossy().ends_with("_shaded.png")).cloned();
         report.files.append(&mut self.report.files);
         written?;
         if let Some(middle) = median(&self.triangles) {

@@ -134,6 +134,15 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
     let options = CompareOptions { pairing, align: args.align, most_shift_s: args.shift.unwrap_or(0.0) };
     let found = compare(&a, &b, &options).map_err(|it| harmless(&it))?;
     notes.extend(found.remarks.iter().cloned());
+    if args.pairing.is_none() && found.pairing == Pairing::Names {
+        let nearest = compare(&a, &b, &CompareOptions { pairing: Some(Pairing::Nearest), ..options });
+        if let Some(median) = nearest.ok().map(|it| it.all.median).filter(|it| 2.0 * it < found.all.median) {
+            notes.push(format!(
+                "by place (`--match nearest`) the median is {:.3} mm: equal names need not be the same points, as numbers that trackers give out",
+                1e3 * median
+            ));
+        }
+    }
     let is_met = args.within.is_none_or(|it| found.all.p95 * 1e3 <= it);
     let figures = figures(&found, [about_a, about_b], &notes);
     let to_stdout = args.json.as_ref().is_some_and(|it| it.as_os_str() == "-");

@@ -1,7 +1,6 @@
 //! A motion file in another form: read, resampled, filled, smoothed, turned, written.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::Path;
 
 use foveate_motion::Motion;
@@ -15,7 +14,7 @@ use crate::commands::complain;
 use crate::commands::motion_files::{describe, load, write_whole};
 use crate::exit;
 use crate::outcome::harmless;
-use crate::output::{say, tell};
+use crate::output::{self, say, tell};
 
 /// Of the balls in a scene [m].
 const RADIUS_M: f64 = 0.015;
@@ -88,7 +87,7 @@ fn convert(args: &ConvertArgs, form: Form) -> Result<String, String> {
         return Err(format!("nothing is written, since `{}` would lose\n{list}", args.output.display()));
     }
     match args.output.as_os_str() == "-" {
-        true => to_stdout(&bytes)?,
+        true => output::write(&bytes),
         false => write_whole(&args.output, &bytes, args.force)?,
     }
     let name = match target {
@@ -107,12 +106,6 @@ fn no_samples(path: &Path, motion: &Motion) -> String {
         if motion.besides.is_empty() { String::new() } else { format!(", and {}", motion.besides.join(", ")) };
     let fault = format!("found no samples: {n_points} points in {n_frames} frames{besides}");
     harmless(&format!("`{}`: {fault}; expected one point in one frame at least", path.display()))
-}
-
-fn to_stdout(bytes: &[u8]) -> Result<(), String> {
-    let mut out = std::io::stdout().lock();
-    let written = out.write_all(bytes).and_then(|()| out.flush());
-    written.map_err(|it| format!("standard output cannot be written: {it}"))
 }
 
 /// By --to, else by the ending.
