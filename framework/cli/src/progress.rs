@@ -6,6 +6,7 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use foveate_calibration::words::counted;
 use foveate_engine::Progress;
 use foveate_messages::CameraId;
 use foveate_rig::graph::Graph;
@@ -136,17 +137,18 @@ impl Line {
         // The sum of nothing is -0.
         let images = rates.values().sum::<f64>() + 0.0;
         let (seeing, cameras) = (rates.len(), self.n_cameras);
-        let cameras = if seeing == cameras { cameras.to_string() } else { format!("{seeing} of {cameras}") };
-        let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
+        let of = if seeing == cameras { String::new() } else { format!("{seeing} of ") };
+        let cameras = of + &counted(cameras, "camera");
+        let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it}"));
         let speed = now / progress.wall.as_secs_f64().max(1e-3);
-        let targets = targets.map_or("-".to_owned(), |it| it.to_string());
+        let targets = targets.map_or(String::new(), |it| format!("   {}", counted(it as usize, "target")));
         let heads = match away {
             0 => String::new(),
             _ => format!("   {away} of {heads} heads silent"),
         };
         let unmet = if unmet == 0 { String::new() } else { format!("   {unmet} requirements unmet") };
         format!(
-            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras} cameras, {images:.0} frames/s   {targets} targets{heads}{unmet}"
+            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras}, {images:.0} frames/s{targets}{heads}{unmet}"
         )
     }
 }

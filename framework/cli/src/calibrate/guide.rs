@@ -45,13 +45,16 @@ impl Guide {
     /// Draws, if it is time to.
     pub fn show(&mut self, progress: &Progress, shared: &Shared) {
         let period = if self.is_terminal { PERIOD } else { PLAIN_PERIOD };
+        if progress.now.as_s() <= 0.0 {
+            return;
+        }
         if self.last.is_some_and(|it| it.elapsed() < period) {
             return;
         }
         self.last = Some(Instant::now());
         let coverage = shared.lock().unwrap_or_else(PoisonError::into_inner).coverage.clone();
         let now = progress.now.as_s();
-        let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it:.0}"));
+        let whole = self.duration_s.map_or(String::new(), |it| format!(" of {it}"));
         let mut err = std::io::stderr().lock();
         // A board that was recorded has the views that it has: the verdict says what they lack.
         let is_recorded_board = self.is_board && !self.is_live;

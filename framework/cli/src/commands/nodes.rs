@@ -1,6 +1,7 @@
 //! `foveate nodes`: the parts that rigs are made of.
 
 use std::fmt::Write;
+use std::sync::Arc;
 
 use foveate_diagnostics::names::likely;
 use foveate_node::figure::{Better, FigureSpec};
@@ -22,6 +23,10 @@ pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
             say(&describe(it));
             exit::DONE
         }
+        None if !of_plugin(name, registry).is_empty() => {
+            say(&of_plugin(name, registry));
+            exit::DONE
+        }
         None => {
             let hint = likely(name, registry.iter().map(|it| it.name))
                 .map_or(String::new(), |it| format!(" (did you mean `{it}`?)"));
@@ -29,6 +34,13 @@ pub(super) fn run(node_type: Option<&str>, registry: &Registry) -> u8 {
             exit::INPUT
         }
     }
+}
+
+/// The node types of one plugin, `led` or `led.*`; empty where there is none of that name.
+fn of_plugin(name: &str, registry: &Registry) -> String {
+    let of = |it: &&Arc<NodeType>| it.name.split('.').next() == Some(name.trim_end_matches(".*"));
+    let line = |it: &Arc<NodeType>| format!("{:32}  {}\n", it.name, it.summary.trim_end_matches('.'));
+    registry.iter().filter(of).map(line).collect()
 }
 
 /// All node types with one line each, grouped by plugin.
@@ -146,6 +158,15 @@ pub(super) fn wrap(text: &str, width: usize) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_types_of_a_plugin_are_found_by_its_name() {
+        let registry = crate::registry();
+        let said = of_plugin("led", &registry);
+        assert!(said.lines().count() > 3 && said.lines().all(|it| it.starts_with("led.")), "{said}");
+        assert_eq!(of_plugin("led.*", &registry), said);
+        assert_eq!(of_plugin("le", &registry), "");
+    }
 
     #[test]
     fn figures_of_a_type_are_listed_with_unit_direction_and_line() {

@@ -46,6 +46,12 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
         Ok(folder) => folder,
         Err(sentence) => return complain(&sentence),
     };
+    if !args.quiet && folder.join("summary.json").exists() {
+        eprintln!(
+            "note: `{}` has the results of an earlier run; files that this run does not write stay",
+            folder.display()
+        );
+    }
     if let Err(sentence) = results::write_rig(&folder, &graph) {
         return complain(&sentence);
     }

@@ -31,12 +31,12 @@ ports! {
 }
 
 figures! {
-    "cloud.points.*": count, neither, "Points, over all maps of the camera";
+    "cloud.points.*": count, neither, "Points, over all maps of the camera" => "points";
     "cloud.unmet.*": count, low, "Pixels of the camera whose ray does not meet the projector's ray or plane in front of both, left out";
     "cloud.misfits.*": count, low, "Pixels of the camera whose projector column and row do not belong to one point, left out";
     "cloud.vague.*": count, low, "Pixels of the camera whose depth would be known less well than `max_sigma`, left out";
     "cloud.alone.*": count, low, "Points of the camera with too few neighbours on the same surface, left out";
-    "cloud.sigma_mm.*": mm, low, "Mean standard deviation of the points of the camera, over the three axes";
+    "cloud.sigma_mm.*": mm, low, "Mean standard deviation of the points of the camera, over the three axes" => "stated standard deviation of a point";
 }
 
 /// Settings of [`Triangulator`].
