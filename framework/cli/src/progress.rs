@@ -147,9 +147,7 @@ impl Line {
             _ => format!("   {away} of {heads} heads silent"),
         };
         let unmet = if unmet == 0 { String::new() } else { format!("   {unmet} requirements unmet") };
-        format!(
-            "{now:7.1}{whole} s   {speed:.1}× real time   {cameras}, {images:.0} frames/s{targets}{heads}{unmet}"
-        )
+        format!("{now:7.1}{whole} s   {speed:.1}× real time   {cameras}, {images:.0} frames/s{targets}{heads}{unmet}")
     }
 }
 
