@@ -125,6 +125,11 @@ fn printed_results_are_headlines_with_their_units() {
     // A figure without a headline is for the file.
     assert!(outcome.report.figures.keys().any(|it| it.contains("gospa")) && !said.contains("gospa"), "{said}");
     assert!(line("open ").contains("path_top.svg"), "{said}");
+    // Unless a node names another picture.
+    outcome.report.open_first = Some("path_side.svg".into());
+    let said = foveate_cli::outcome::describe(&graph, &outcome, Path::new("out"));
+    assert!(said.lines().any(|it| it.starts_with("open ") && it.contains("path_side.svg")), "{said}");
+    assert_eq!(said.matches("path_side.svg").count(), 1, "{said}");
 }
 
 /// The declared names and units that an explanation of `query` states.

@@ -92,6 +92,22 @@ fn motion_goes_from_form_to_form_and_back() {
 }
 
 #[test]
+fn names_that_lie_at_other_points_are_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    walk(at);
+    let mut text = fs::read_to_string(at.join("walk.csv")).unwrap();
+    for [a, b] in [["head", "waist"], ["left", "right"]] {
+        text = text.replace(a, "?").replace(b, a).replace('?', b);
+    }
+    fs::write(at.join("exchanged.csv"), text).unwrap();
+    let is_noted = |it: &Value| it["notes"].to_string().contains("`--match nearest`");
+    assert!(!is_noted(&compared(at, &["walk.csv", "walk.csv"])));
+    let exchanged = compared(at, &["walk.csv", "exchanged.csv"]);
+    assert!(is_noted(&exchanged) && exchanged["all"]["median_mm"].as_f64().unwrap() > 300.0, "{exchanged:#}");
+}
+
+#[test]
 fn gaps_are_filled_and_paths_smoothed() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -142,14 +142,29 @@ pub(super) fn run(args: &PatternsArgs) -> u8 {
 mod tests {
     use super::*;
 
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: PatternsArgs,
+    }
+
+    #[test]
+    fn a_folder_that_has_patterns_is_left_as_it_is() {
+        use clap::Parser;
+        let folder = tempfile::tempdir().unwrap();
+        let into = |code: &str| {
+            let out = folder.path().display().to_string();
+            run(&Line::parse_from(["patterns", "--size", "64x48", "--code", code, "--out", &out]).args)
+        };
+        assert_eq!(into("gray"), exit::DONE);
+        let n_files = || std::fs::read_dir(folder.path()).unwrap().count();
+        let before = n_files();
+        assert_eq!((into("boundary"), n_files()), (exit::INPUT, before));
+    }
+
     #[test]
     fn options_without_effect_are_refused() {
         use clap::Parser;
-        #[derive(clap::Parser)]
-        struct Line {
-            #[command(flatten)]
-            args: PatternsArgs,
-        }
         let fault = |words: &str| {
             let words = format!("patterns --out x {words}");
             without_effect(&Line::try_parse_from(words.split_whitespace()).unwrap().args)

@@ -138,7 +138,7 @@ fn told(args: &CompareArgs) -> Result<u8, String> {
         let nearest = compare(&a, &b, &CompareOptions { pairing: Some(Pairing::Nearest), ..options });
         if let Some(median) = nearest.ok().map(|it| it.all.median).filter(|it| 2.0 * it < found.all.median) {
             notes.push(format!(
-                "by place (`--match nearest`) the median is {:.3} mm: equal names need not be the same points, as numbers that trackers give out",
+                "by place (`--match nearest`) the median is {:.3} mm: equal names need not mean the same point, since trackers number targets as they come",
                 1e3 * median
             ));
         }
