@@ -134,14 +134,15 @@ impl Child {
         }
         let _ = self.child.kill();
         let mark = format!("{MARK}={}", self.mark).into_bytes();
-        // A process that is started meanwhile is found in the next round. One that may not be killed stays.
-        for _ in 0..KILL_ROUNDS {
+        // A process that is started meanwhile is found in the next round, and so is one that had no environment for the moment in which it
+        // became another program. One that may not be killed stays.
+        for round in 0..KILL_ROUNDS {
             let left = std::fs::read_dir("/proc").into_iter().flatten().flatten().filter_map(|it| {
                 let environment = std::fs::read(it.path().join("environ")).ok()?;
                 let is_marked = environment.split(|it| *it == 0).any(|it| it == mark);
                 Pid::from_raw(it.file_name().to_str()?.parse().ok()?).filter(|_| is_marked)
             });
-            if left.filter(|it| kill_process(*it, Signal::KILL).is_ok()).count() == 0 {
+            if left.filter(|it| kill_process(*it, Signal::KILL).is_ok()).count() == 0 && round > 0 {
                 break;
             }
         }
@@ -271,6 +272,8 @@ mod tests {
             let waited = |is_so: &dyn Fn() -> bool| while !is_so() && Instant::now() < until {};
             let pid = || std::fs::read_to_string(dir.path().join("pid")).unwrap_or_default();
             waited(&|| pid().ends_with('\n'));
+            let program = format!("/proc/{}/cmdline", pid().trim());
+            waited(&|| std::fs::read(&program).is_ok_and(|it| it.starts_with(b"sleep")));
             let environment = format!("/proc/{}/environ", pid().trim());
             let is_alive = || std::fs::read(&environment).is_ok_and(|it| !it.is_empty());
             assert!(is_alive(), "{then}");
