@@ -14,9 +14,11 @@ mod lanes;
 pub mod ledger;
 mod live;
 mod primitives;
+mod replay;
 mod rounds;
 mod slot;
 mod stage;
+pub mod tap;
 mod watch;
 
 use std::path::PathBuf;
@@ -24,17 +26,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use foveate_messages::Time;
+use foveate_messages::{Interval, Time};
 
 pub use faults::{FaultRecord, GapRecord};
 pub(crate) use gates::Gate;
 pub use gates::{SuspensionSpan, Suspensions};
+pub use replay::{Feed, Source};
 
 use crate::ledger::Ledger;
 use foveate_node::error::{Blame, NodeError};
 use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
 use stage::Stage;
+use tap::{Event, Tap};
 
 foveate_node::figures! {
     pub const OF_SCALES;
@@ -62,6 +66,8 @@ pub struct Options {
     pub patience: Option<Duration>,
     /// The run has a time limit; a sink that got nothing is then no failure.
     pub is_cut_short: bool,
+    /// Where the run is recorded, if it is.
+    pub tap: Option<Tap>,
 }
 
 impl Options {
@@ -155,6 +161,21 @@ pub fn live(graph: Arc<Graph>, options: &Options, observe: &mut dyn FnMut(&Progr
     live::run(graph, options, observe)
 }
 
+/// Runs again what was recorded, in the recorded order and on one thread. Nodes that [`Source`] takes from the recording are not made: their messages come out of it.
+/// All others work on what they got then, and a rig with the same settings gives the same bytes.
+///
+/// # Errors
+/// A node that refuses to be made. Where a replay leaves the recording, the outcome says so as a failure of `replay`.
+pub fn replay(
+    graph: Arc<Graph>,
+    sources: &[Source],
+    feed: &mut dyn Feed,
+    options: &Options,
+    observe: &mut dyn FnMut(&Progress),
+) -> Result<Outcome, NodeError> {
+    replay::run(graph, sources, feed, options, observe)
+}
+
 /// Views of the edges whose consumers run on `stage`, written into `views`.
 fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView]) {
     for ((end, edge), view) in stage.ends.iter().zip(&graph.edges).zip(views) {
@@ -201,6 +222,16 @@ fn remark_drops(graph: &Graph, ledgers: &[Ledger], report: &mut Report) {
     }
 }
 
+/// Says that a live run takes the time it takes.
+fn remark_costs(graph: &Graph, outcome: &mut Outcome) {
+    if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
+        outcome.report.remark(format!(
+            "`cost_ms` (of `{}`) is ignored in a live run: an activation takes the time it takes",
+            costly.path
+        ));
+    }
+}
+
 /// Finishes all nodes and gathers what the run leaves behind.
 fn conclude(
     graph: &Graph,
@@ -213,6 +244,7 @@ fn conclude(
     let mut report = Report::default();
     stage.flush(ended);
     stage.finish(ended, &mut report);
+    stage.note(ended, || Event::Ended { interrupted, is_cut_short: options.is_cut_short });
     let suspensions = stage.gates.conclude(ended);
     for it in &suspensions {
         report.declared_figure(OF_SCALES, format!("scale.suspensions.{}", it.scale), it.count as f64);

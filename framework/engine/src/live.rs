@@ -12,13 +12,12 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
-use super::slot::Route;
+use super::slot::{Numbered, Route};
 use super::stage::{Costs, Remote, Stage};
 use super::watch::{Watch, left_behind, patience};
-use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
+use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, remark_costs, view_edges};
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
-use foveate_node::io::Packet;
 use foveate_node::node::{Due, Role};
 use foveate_rig::graph::{Graph, Instance};
 
@@ -79,9 +78,9 @@ struct Mailbox {
     shared: Arc<Shared>,
     /// By edge: the worker of its consumer.
     worker_of_edge: Arc<Vec<usize>>,
-    incoming: Vec<(usize, Receiver<Packet>)>,
+    incoming: Vec<(usize, Receiver<Numbered>)>,
     /// What was taken off them at once, to be delivered in the order of capture.
-    batch: Vec<(usize, Packet)>,
+    batch: Vec<(usize, Numbered)>,
     /// Whether this worker keeps the run going, since a node of it is held up.
     is_holding: bool,
     /// Messages taken off the incoming queues whose consequences are not all sent yet.
@@ -97,16 +96,17 @@ impl Mailbox {
             }
             // No more than stood there at first: a producer that is quicker than this must not keep it here for ever.
             for _ in 0..receiver.len() {
-                let Ok(packet) = receiver.try_recv() else { break };
-                self.batch.push((*edge, packet));
+                let Ok((number, packet)) = receiver.try_recv() else { break };
+                stage.come(*edge, number, now);
+                self.batch.push((*edge, (number, packet)));
             }
         }
         self.accepted += self.batch.len();
         if self.batch.len() > 1 {
-            self.batch.sort_by_key(|it| it.1.stamp.time);
+            self.batch.sort_by_key(|it| it.1.1.stamp.time);
         }
-        for (edge, packet) in self.batch.drain(..) {
-            stage.deliver(edge, packet, now);
+        for (edge, (number, packet)) in self.batch.drain(..) {
+            stage.deliver_numbered(edge, Some(number), packet, now);
         }
     }
 
@@ -153,7 +153,7 @@ pub(super) fn run(
     options: &Options,
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
-    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?;
+    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?.record(options.tap.as_ref());
     let cores = std::thread::available_parallelism().map_or(2, usize::from);
     let worker_of = assign_workers(&graph, options.workers.unwrap_or(cores + 1).max(1));
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);
@@ -236,12 +236,7 @@ pub(super) fn run(
     }
     let interrupted = options.must_stop();
     let mut outcome = conclude(&graph, whole, ended, began.elapsed(), interrupted, options);
-    if let Some(costly) = graph.instances.iter().find(|it| it.cost.time > Interval(0)) {
-        outcome.report.remark(format!(
-            "`cost_ms` (of `{}`) is ignored in a live run: an activation takes the time it takes",
-            costly.path
-        ));
-    }
+    remark_costs(&graph, &mut outcome);
     Ok(outcome)
 }
 
@@ -269,7 +264,7 @@ fn group(instance: &Instance) -> (bool, usize) {
 }
 
 /// Puts a bounded queue into each edge whose ends are on different workers; gives the receiving ends.
-fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usize, Receiver<Packet>)> {
+fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usize, Receiver<Numbered>)> {
     let mut incoming = Vec::new();
     for slot in whole.slots.iter_mut().flatten() {
         for route in slot.routes_mut() {
@@ -280,7 +275,7 @@ fn cut_edges(graph: &Graph, whole: &mut Stage, worker_of: &[usize]) -> Vec<(usiz
             }
             let (sender, receiver) = bounded(ends.queue.capacity.max(1));
             incoming.push((edge, receiver.clone()));
-            *route = Route::Remote { edge, sender, receiver, when_full: ends.queue.when_full, dropped: 0 };
+            *route = Route::Remote { edge, sender, receiver, when_full: ends.queue.when_full, dropped: 0, sent: 0 };
         }
     }
     incoming

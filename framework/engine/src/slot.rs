@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::PathBuf;
 
-use crossbeam::channel::Sender;
+use crossbeam::channel::{Receiver, Sender};
 use foveate_messages::Time;
 
 use crate::busy::Work;
@@ -62,43 +62,54 @@ pub(crate) enum Route {
     /// Across threads.
     Remote {
         edge: usize,
-        sender: Sender<Packet>,
-        receiver: crossbeam::channel::Receiver<Packet>,
+        sender: Sender<Numbered>,
+        receiver: Receiver<Numbered>,
         when_full: WhenFull,
         dropped: u64,
+        /// Messages that were sent, those that were dropped included.
+        sent: u64,
     },
 }
+
+/// A message on a queue between threads, and how many were sent along its edge before it.
+pub(crate) type Numbered = (u64, Packet);
 
 /// An edge as its consumer's worker sees it.
 pub(crate) struct EdgeEnd {
     pub(super) to: (usize, usize),
     pub(super) source: usize,
+    /// Messages that were given out along it and have come, or were lost in a queue between threads.
+    pub(super) n_given: u64,
     pub(crate) ledger: Ledger,
 }
 
 impl Slot {
-    pub(super) fn build(
+    /// Makes node `index`.
+    ///
+    /// # Errors
+    /// Its refusal.
+    pub(super) fn make(
         graph: &Graph,
-        gates: &Gates,
         index: usize,
         out_dir: Option<PathBuf>,
-        costs: Costs,
-    ) -> Result<Slot, NodeError> {
+    ) -> Result<Box<dyn ErasedNode>, NodeError> {
         let instance = &graph.instances[index];
         let setup = graph.setup(index, out_dir, Purpose::Run);
-        let node = match guarded(|| instance.settings.build(&setup)) {
-            Ok(Ok(node)) => node,
-            Ok(Err(refusal)) => {
-                return Err(NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal))));
-            }
-            Err(said) => {
-                return Err(NodeError::program(format_args!(
-                    "{}: while it was made, it {said}{}",
-                    instance.path,
-                    instance.library_in_words()
-                )));
-            }
-        };
+        match guarded(|| instance.settings.build(&setup)) {
+            Ok(Ok(node)) => Ok(node),
+            Ok(Err(refusal)) => Err(NodeError::input(format_args!("{}: {}", instance.path, in_words(&refusal)))),
+            Err(said) => Err(NodeError::program(format_args!(
+                "{}: while it was made, it {said}{}",
+                instance.path,
+                instance.library_in_words()
+            ))),
+        }
+    }
+
+    /// Node `index` with all that leads to it and away from it.
+    pub(super) fn new(graph: &Graph, gates: &Gates, index: usize, node: Box<dyn ErasedNode>, costs: Costs) -> Slot {
+        let instance = &graph.instances[index];
+        let random = graph.setup(index, None, Purpose::Run).random;
         let ports = &instance.node_type.ports;
         let mut input_edges = vec![Vec::new(); ports.inputs.len()];
         let mut routes: Vec<Vec<Route>> = ports.outputs.iter().map(|_| Vec::new()).collect();
@@ -119,11 +130,11 @@ impl Slot {
             .iter()
             .zip(&instance.takes)
             .zip(&input_edges)
-            .map(|((port, &policy), edges)| Inbox::new(policy, edges.len(), setup.random.fork(port.name)));
-        let work = Work::new(instance.cost, setup.random.fork("cost_ms"));
+            .map(|((port, &policy), edges)| Inbox::new(policy, edges.len(), random.fork(port.name)));
+        let work = Work::new(instance.cost, random.fork("cost_ms"));
         let work = work.filter(|_| costs == Costs::Simulated).map(Box::new);
         let gate = gates.before(instance);
-        Ok(Slot {
+        Slot {
             node: Some(node),
             inboxes: inboxes.collect(),
             latest: input_edges.iter().map(|edges| vec![None; edges.len()]).collect(),
@@ -136,7 +147,7 @@ impl Slot {
             is_plain: work.is_none() && gate.is_none(),
             work,
             gate,
-        })
+        }
     }
 
     /// Whether it may take a message right behind the activation that gave it.

@@ -1,9 +1,12 @@
 //! Typed ports: how a node receives and emits messages.
 
-use std::any::TypeId;
+use std::any::{Any, TypeId};
 use std::marker::PhantomData;
+use std::sync::Arc;
 
 use foveate_messages::{Interval, Message, Space, Wire};
+
+use crate::io::Payload;
 
 /// How an input port takes data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -191,6 +194,8 @@ pub struct MessageType {
     pub wire: Wire,
     /// The type itself, in this process.
     pub id: TypeId,
+    /// A value of the type, ready to be sent; `None` for a value of another type.
+    pub share: fn(Box<dyn Any + Send + Sync>) -> Option<Arc<dyn Payload>>,
 }
 
 impl PartialEq for MessageType {
@@ -204,8 +209,20 @@ impl Eq for MessageType {}
 impl MessageType {
     /// Of `T`.
     pub fn of<T: Message>() -> Self {
-        Self { name: T::NAME, version: T::VERSION, space: T::SPACE, wire: T::WIRE, id: TypeId::of::<T>() }
+        Self {
+            name: T::NAME,
+            version: T::VERSION,
+            space: T::SPACE,
+            wire: T::WIRE,
+            id: TypeId::of::<T>(),
+            share: share::<T>,
+        }
     }
+}
+
+fn share<T: Message>(value: Box<dyn Any + Send + Sync>) -> Option<Arc<dyn Payload>> {
+    let value: Arc<T> = value.downcast::<T>().ok()?.into();
+    Some(value)
 }
 
 /// An input port, erased.

@@ -188,6 +188,11 @@ impl Registry {
         assert!(taken.is_none(), "two node types are named `{}`", N::TYPE);
     }
 
+    /// The same types by name, each as `with` makes it.
+    pub fn replaced(&self, with: impl Fn(&Arc<NodeType>) -> NodeType) -> Registry {
+        Registry { types: self.types.iter().map(|(name, it)| (*name, Arc::new(with(it)))).collect(), ..self.clone() }
+    }
+
     /// The type of that name.
     pub fn get(&self, name: &str) -> Option<&Arc<NodeType>> {
         self.types.get(name)

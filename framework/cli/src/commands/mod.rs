@@ -7,11 +7,13 @@ mod convert;
 mod eval;
 pub mod figures;
 mod graph;
+mod info;
 mod motion_files;
 mod new;
 pub mod nodes;
 mod patterns;
 mod plugin;
+mod replay;
 mod run;
 mod sim;
 
@@ -48,6 +50,14 @@ const EXIT_CODES: &str = "Exit codes: 0 done · 2 the rig or its input is at fau
 enum Command {
     /// Run a rig and write what it recovers into a results folder
     Run(RunArgs),
+    /// Run a recorded session again: the same results from its file alone
+    Replay(replay::ReplayArgs),
+    /// Say what is in a session: messages, rates, what was left out, files
+    Info {
+        /// The session (MCAP)
+        #[arg(value_hint = clap::ValueHint::FilePath)]
+        session: PathBuf,
+    },
     /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
     Calibrate(Box<calibrate::CalibrateArgs>),
     /// Run a rig with many seeds and say of each figure the median, the worst and what failed
@@ -157,9 +167,24 @@ pub struct RunArgs {
     /// Go on serving pages after the end of the run, until Ctrl-C
     #[arg(long)]
     stay: bool,
+    /// Record the run into a session, which `foveate replay` runs again [default: session.mcap in the results folder]
+    #[arg(long, value_name = "FILE.mcap", num_args = 0..=1, value_parser = session_file, value_hint = clap::ValueHint::FilePath)]
+    record: Option<Option<PathBuf>>,
+    /// Record no pictures
+    #[arg(long)]
+    no_pictures: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+}
+
+/// A session on the command line.
+fn session_file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().is_some_and(|it| it.eq_ignore_ascii_case("mcap")) {
+        true => Ok(path),
+        false => Err(format!("found {text}, expected a file `….mcap` (the rig stands before `--record`)")),
+    }
 }
 
 /// What `foveate graph` draws.
@@ -227,6 +252,8 @@ impl Cli {
         let registry = &registry;
         match self.command {
             Command::Run(args) => run::run(&args, registry),
+            Command::Replay(args) => replay::run(&args, registry),
+            Command::Info { session } => info::run(&session),
             Command::Calibrate(args) => calibrate::run(&args, registry),
             Command::Eval(args) => eval::run(&args, registry),
             Command::Check { rig } => check::run(&rig, registry),

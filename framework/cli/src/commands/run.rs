@@ -1,16 +1,21 @@
 //! `foveate run`: a rig from the first message to the results folder.
 
+use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
+use foveate_engine::tap::LeftOut;
 use foveate_engine::{self as engine, Options, Outcome, Progress};
 use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
+use foveate_session::recorder::MEMORY;
+use foveate_session::{Packing, Recorder, Recording};
 use foveate_web::Server;
 
+use super::info::size;
 use super::{RunArgs, complain, load, load_quietly};
 use crate::outcome::{describe, exit_code, failures, harmless};
 use crate::output::say;
@@ -56,7 +61,15 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
         return complain(&sentence);
     }
     let stop = Arc::clone(&options.stop);
-    match run_into(args, &graph, &Options { out_dir: Some(folder.to_path_buf()), ..options }) {
+    let is_live = args.live || graph.instances.iter().any(|it| it.is_live());
+    let recorder = match recorder(args, &graph, &folder, is_live, options.paced) {
+        Ok(recorder) => recorder,
+        Err(sentence) => return complain(&sentence),
+    };
+    let options = Options { out_dir: Some(folder.to_path_buf()), tap: recorder.as_ref().map(Recorder::tap), ..options };
+    let outcome = run_into(args, &graph, &options, is_live);
+    let recorded = recorder.map(|it| describe_recording(it, args.quiet));
+    match outcome {
         Ok(mut outcome) => {
             if args.listen.is_some() && !server.is_serving() {
                 outcome
@@ -64,7 +77,8 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
                     .remark("`--listen` was given, and no node of this rig has a page that could be served".to_owned());
             }
             server.counts().in_words().into_iter().for_each(|it| outcome.report.remark(it));
-            let code = conclude(args, &graph, &outcome, &folder);
+            let code = conclude(args.quiet, &graph, &outcome, &folder);
+            recorded.iter().for_each(|it| eprint!("{it}"));
             if args.stay && !outcome.interrupted {
                 stay(args, &server, &stop);
             }
@@ -79,7 +93,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
 }
 
 /// Shows the first failures as they come; all of them follow at the end.
-fn host() -> Host {
+pub(super) fn host() -> Host {
     let n_shown = AtomicUsize::new(0);
     Host::new(move |instance, words| match n_shown.fetch_add(1, Ordering::Relaxed) {
         SHOWN.. => {}
@@ -112,24 +126,76 @@ fn stay(args: &RunArgs, server: &Server, stop: &AtomicBool) {
     }
 }
 
-fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options) -> Result<Outcome, String> {
+/// Begins a recording where the person asks for one.
+fn recorder(
+    args: &RunArgs,
+    graph: &Arc<Graph>,
+    folder: &Path,
+    is_live: bool,
+    is_paced: bool,
+) -> Result<Option<Recorder>, String> {
+    let Some(path) = &args.record else { return Ok(None) };
+    let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let recording = Recording {
+        path: path.clone().unwrap_or_else(|| folder.join("session.mcap")),
+        packing: Packing::default(),
+        pictures: !args.no_pictures,
+        memory: MEMORY,
+        waits: !is_live,
+        mode: if is_live {
+            "live"
+        } else if is_paced {
+            "paced"
+        } else {
+            "simulated"
+        },
+        began_unix_ns: if is_live { since_1970.map_or(0, |it| it.as_nanos()) } else { 0 },
+    };
+    Recorder::begin(graph, &recording, graph.host.clone()).map(Some)
+}
+
+/// Ends a recording; what became of it.
+fn describe_recording(recorder: Recorder, is_quiet: bool) -> String {
+    let path = recorder.path().display().to_string();
+    let recorded = recorder.finish();
+    let mut text = String::new();
+    if let Some(what) = &recorded.failure {
+        let _ = writeln!(text, "error: the recording `{path}` ended before the run: {what}");
+    }
+    let LeftOut { pictures, messages } = recorded.left_out;
+    if pictures + messages > 0 {
+        let _ = writeln!(
+            text,
+            "note: the recording lacks {pictures} pictures and {messages} other messages: the disk was too slow"
+        );
+    }
+    for it in &recorded.remarks {
+        let _ = writeln!(text, "note: {it}");
+    }
+    if !is_quiet {
+        let _ = writeln!(text, "recorded {path} ({}): `foveate replay {path}` runs it again", size(recorded.bytes));
+    }
+    text
+}
+
+fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options, is_live: bool) -> Result<Outcome, String> {
     let mut line = Line::new(graph);
     let mut observe = |progress: &Progress| {
         if !args.quiet {
             line.show(progress);
         }
     };
-    let has_device = graph.instances.iter().any(|it| it.is_live());
-    let engine = if args.live || has_device { engine::live } else { engine::deterministic };
+    let engine = if is_live { engine::live } else { engine::deterministic };
     let outcome = engine(Arc::clone(graph), options, &mut observe).map_err(|error| error.to_string());
     line.end();
     outcome
 }
 
-fn conclude(args: &RunArgs, graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
+/// Writes and shows what a run leaves behind.
+pub(super) fn conclude(is_quiet: bool, graph: &Graph, outcome: &Outcome, folder: &Path) -> u8 {
     let complaints = results::write_outcome(folder, graph, outcome).err().unwrap_or_default();
     complaints.iter().for_each(|it| eprintln!("error: {it}"));
-    if args.quiet {
+    if is_quiet {
         failures(outcome).iter().for_each(|it| eprintln!("{it}"));
     } else {
         say(&describe(graph, outcome, folder));

@@ -2,6 +2,7 @@
 
 mod finisher;
 mod passing;
+pub(crate) mod recorded;
 mod recovery;
 
 use std::cmp::Reverse;
@@ -19,10 +20,12 @@ use crate::gates::Gates;
 use crate::inbox::{DeliveryOutcome, Inbox};
 use crate::ledger::Ledger;
 use crate::slot::{EdgeEnd, Route, Slot, enter};
+use crate::tap::{Activation, Event, Lane, Tap};
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
 use foveate_node::io::{Delivery, Io, Outbox, Packet};
 use foveate_node::node::Due;
+use foveate_node::registry::ErasedNode;
 use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
 
@@ -88,7 +91,21 @@ pub(crate) struct Stage {
     pub(crate) at: Arc<AtomicU64>,
     n_activations: u64,
     /// Messages that queues between threads dropped, to be entered in the ledgers of their edges.
-    pub(crate) queue_drops: Vec<(usize, u64)>,
+    pub(crate) queue_drops: Vec<QueueDrops>,
+    /// Where what happens here is recorded.
+    tap: Option<Lane>,
+    /// What activates the present node.
+    how: Activation,
+}
+
+/// What became of the messages of a queue between threads.
+#[derive(Clone, Copy)]
+pub(crate) struct QueueDrops {
+    pub edge: usize,
+    /// Messages that were sent along the edge.
+    pub sent: u64,
+    /// Those of them that were lost.
+    pub dropped: u64,
 }
 
 impl Stage {
@@ -97,15 +114,29 @@ impl Stage {
     /// # Errors
     /// The first instance that refuses, with its reason.
     pub(crate) fn build(graph: Arc<Graph>, out_dir: Option<PathBuf>, costs: Costs) -> Result<Stage, NodeError> {
+        let node = |index| Slot::make(&graph, index, out_dir.clone());
+        Stage::build_with(Arc::clone(&graph), out_dir.clone(), costs, &node)
+    }
+
+    /// As [`Stage::build`], of the nodes that `node` makes.
+    ///
+    /// # Errors
+    /// What `node` refuses.
+    pub(crate) fn build_with(
+        graph: Arc<Graph>,
+        out_dir: Option<PathBuf>,
+        costs: Costs,
+        node: &dyn Fn(usize) -> Result<Box<dyn ErasedNode>, NodeError>,
+    ) -> Result<Stage, NodeError> {
         let gates = Arc::new(Gates::new(&graph));
         let mut stage = Stage::empty(Arc::clone(&graph), Arc::clone(&gates), out_dir.clone());
         for index in 0..graph.instances.len() {
-            let slot = Slot::build(&graph, &gates, index, out_dir.clone(), costs)?;
+            let slot = Slot::new(&graph, &gates, index, node(index)?, costs);
             for (port, edges) in slot.input_edges.iter().enumerate() {
                 for (source, &edge) in edges.iter().enumerate() {
                     let from = graph.edges[edge].from.0;
                     let ledger = Ledger::behind(gates.of_scale(graph.instances[from].scale));
-                    stage.ends[edge] = Some(EdgeEnd { to: (index, port), source, ledger });
+                    stage.ends[edge] = Some(EdgeEnd { to: (index, port), source, n_given: 0, ledger });
                 }
             }
             stage.slots[index] = Some(slot);
@@ -115,7 +146,24 @@ impl Stage {
 
     /// A stage without nodes over the same graph, to move slots into.
     pub(crate) fn empty_like(&self) -> Stage {
-        Stage::empty(Arc::clone(&self.graph), Arc::clone(&self.gates), self.out_dir.clone())
+        Stage {
+            tap: self.tap.as_ref().map(Lane::another),
+            ..Stage::empty(Arc::clone(&self.graph), Arc::clone(&self.gates), self.out_dir.clone())
+        }
+    }
+
+    /// Lets `tap` see what happens here, and in stages that are made like this one.
+    pub(crate) fn record(mut self, tap: Option<&Tap>) -> Stage {
+        self.tap = tap.map(Tap::lane);
+        self
+    }
+
+    /// Records what has happened.
+    #[inline]
+    pub(crate) fn note(&self, now: Time, event: impl FnOnce() -> Event) {
+        if let Some(tap) = &self.tap {
+            tap.push(now, event());
+        }
     }
 
     /// Without nodes.
@@ -141,6 +189,8 @@ impl Stage {
             is_flushing: false,
             at: Arc::default(),
             n_activations: 0,
+            tap: None,
+            how: Activation::default(),
         }
     }
 
@@ -169,6 +219,7 @@ impl Stage {
         if self.slots[index].as_ref().is_some_and(|it| it.node.is_none()) {
             return self.revive(index, now);
         }
+        self.how = Activation::Due;
         self.activate(index, now, remote);
         self.run_ready(now, remote);
     }
@@ -184,8 +235,8 @@ impl Stage {
             let Some(mut slot) = slot.take() else { continue };
             for route in slot.routes_mut() {
                 match *route {
-                    Route::Remote { edge, dropped, .. } => {
-                        self.queue_drops.push((edge, dropped));
+                    Route::Remote { edge, dropped, sent, .. } => {
+                        self.queue_drops.push(QueueDrops { edge, sent, dropped });
                         *route = Route::Here(edge);
                     }
                     Route::Beyond(edge) => *route = Route::Here(edge),
@@ -233,6 +284,7 @@ impl Stage {
             let index = word * 64 + self.ready[word].trailing_zeros() as usize;
             let now = self.clock(now);
             if self.take_next(index, now, false) {
+                self.how = Activation::Message;
                 self.activate(index, now, remote);
                 word = 0; // a feedback edge may have made an earlier one ready
             }
@@ -241,9 +293,13 @@ impl Stage {
 
     /// Enters the drops of queues in the ledgers of those edges whose consumer is here; the others are kept for later.
     fn settle_queue_drops(&mut self) {
-        let ends = &mut self.ends;
-        self.queue_drops.retain(|&(edge, dropped)| match &mut ends[edge] {
+        let (ends, tap) = (&mut self.ends, &self.tap);
+        self.queue_drops.retain(|&QueueDrops { edge, sent, dropped }| match &mut ends[edge] {
             Some(end) => {
+                let first = std::mem::replace(&mut end.n_given, sent);
+                if let Some(tap) = tap.as_ref().filter(|_| sent > first) {
+                    tap.push(Time::ZERO, Event::Lost { edge, first, count: sent - first });
+                }
                 end.ledger.dropped += dropped;
                 // The consumer saw each of them as a number left out: the same loss, counted once.
                 end.ledger.gaps = end.ledger.gaps.saturating_sub(dropped);
@@ -262,16 +318,23 @@ impl Stage {
         while !self.busy.is_empty() {
             self.end_work(&mut Alone);
         }
+        self.note(now, || Event::Ending);
+        self.end_stopped(now);
+        for index in 0..self.slots.len() {
+            while self.slots[index].as_ref().is_some_and(Slot::is_open) && self.take_next(index, now, true) {
+                self.how = Activation::Flush;
+                self.activate(index, now, &mut Alone);
+                self.run_ready(now, &mut Alone);
+            }
+        }
+    }
+
+    /// Nothing costs any time any more, and what has stopped takes nothing more.
+    pub(crate) fn end_stopped(&mut self, now: Time) {
         for slot in self.slots.iter_mut().flatten() {
             slot.work = None;
             if slot.node.is_none() {
                 slot.close(&mut self.ends, now);
-            }
-        }
-        for index in 0..self.slots.len() {
-            while self.slots[index].as_ref().is_some_and(Slot::is_open) && self.take_next(index, now, true) {
-                self.activate(index, now, &mut Alone);
-                self.run_ready(now, &mut Alone);
             }
         }
     }
@@ -287,6 +350,13 @@ impl Stage {
                 continue;
             };
             slot.node = node;
+            if let Some(tap) = &self.tap {
+                let error = match &result {
+                    Ok(result) => result.as_ref().err().cloned(),
+                    Err(said) => Some(NodeError::program(said)),
+                };
+                tap.push(now, Event::Finished { instance: index, report: Box::new(own.clone()), error });
+            }
             let path = &self.graph.instances[index].path;
             let node_type = &self.graph.instances[index].node_type;
             let undeclared = report.absorb(path, node_type.figures, own);
@@ -406,6 +476,10 @@ impl Stage {
         self.at.store((self.n_activations << 32) | index as u64, Ordering::Relaxed);
         let Some(slot) = &mut self.slots[index] else { return };
         let Some(node) = &mut slot.node else { return };
+        if let Some(tap) = &self.tap {
+            let how = std::mem::take(&mut self.how);
+            tap.push(now, Event::Activated { instance: index, how });
+        }
         // The node takes the message out; a failure is reported with the message's own time.
         self.seen = self.delivery.packets.first().map_or(now, |packet| packet.stamp.time);
         let mut io = Io::new(

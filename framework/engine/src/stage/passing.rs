@@ -9,7 +9,8 @@ use foveate_rig::graph::WhenFull;
 
 use super::{Alone, Outgoing, Remote, Stage};
 use crate::inbox::{Inbox, Put};
-use crate::slot::{Parked, Route, Slot};
+use crate::slot::{EdgeEnd, Parked, Route, Slot};
+use crate::tap::{Activation, Event, Fate};
 
 impl Stage {
     /// Whether the consumer of `edge` cannot take another message now, and its queue makes the producer wait.
@@ -22,28 +23,63 @@ impl Stage {
 
     /// Hands a message to the consumer of `edge`.
     pub(crate) fn deliver(&mut self, edge: usize, packet: Packet, now: Time) {
-        let Some(end) = &self.ends[edge] else { return };
-        let (consumer, port) = end.to;
+        self.deliver_numbered(edge, None, packet, now);
+    }
+
+    /// The same of a message out of a queue between threads, where others may have been lost; `number` counts those that were given out along the edge.
+    pub(crate) fn deliver_numbered(&mut self, edge: usize, number: Option<u64>, packet: Packet, now: Time) {
+        let Some(EdgeEnd { to: (consumer, port), n_given, .. }) = self.ends[edge] else { return };
         if self.slots[consumer].as_ref().is_some_and(|it| it.node.is_none()) {
             self.revive(consumer, now);
         }
-        let (Some(end), Some(slot)) = (&mut self.ends[edge], &mut self.slots[consumer]) else { return };
-        if slot.node.is_none() {
-            end.ledger.dropped += 1;
-            return;
-        }
+        let Some(slot) = &self.slots[consumer] else { return };
+        let is_blocked = slot.is_blocked() && !self.is_flushing;
         let is_sampled = matches!(slot.inboxes[port], Inbox::Latest);
-        if !is_sampled && !slot.is_open() {
-            return end.ledger.suspend(packet.stamp, now);
+        let fate = if slot.node.is_none() {
+            Fate::Stopped
+        } else if !is_sampled && !slot.is_open() {
+            Fate::Suspended
+        } else if is_blocked || slot.work.as_ref().is_some_and(|it| it.is_busy()) {
+            Fate::PutBounded
+        } else {
+            Fate::Put
+        };
+        let number = number.unwrap_or(n_given);
+        if let Some(end) = &mut self.ends[edge] {
+            end.n_given = end.n_given.max(number + 1);
         }
-        end.ledger.arrive(packet.stamp);
-        if is_sampled {
+        self.note(now, || Event::Delivered { edge, number, fate });
+        self.put(edge, packet, now, fate);
+    }
+
+    /// Message `number` of an edge has come out of its queue: those before it that have not come are lost.
+    pub(crate) fn come(&mut self, edge: usize, number: u64, now: Time) {
+        let Some(end) = &mut self.ends[edge] else { return };
+        let first = std::mem::replace(&mut end.n_given, number + 1);
+        if number > first {
+            self.note(now, || Event::Lost { edge, first, count: number - first });
+        }
+    }
+
+    /// A message meets its fate at the consumer of `edge`.
+    pub(crate) fn put(&mut self, edge: usize, packet: Packet, now: Time, fate: Fate) {
+        let Some(end) = &mut self.ends[edge] else { return };
+        let (consumer, port) = end.to;
+        let Some(slot) = &mut self.slots[consumer] else { return };
+        match fate {
+            Fate::Stopped => {
+                end.ledger.dropped += 1;
+                return;
+            }
+            Fate::Suspended => return end.ledger.suspend(packet.stamp, now),
+            Fate::Put | Fate::PutBounded => end.ledger.arrive(packet.stamp),
+        }
+        if matches!(slot.inboxes[port], Inbox::Latest) {
             end.ledger.take(packet.stamp, now, || packet.payload.quality());
             slot.latest[port][end.source] = Some(packet);
             return;
         }
-        let is_blocked = slot.is_blocked() && !self.is_flushing;
-        let is_busy = is_blocked || slot.work.as_ref().is_some_and(|it| it.is_busy());
+        let is_busy = fate == Fate::PutBounded;
         let put = if is_busy {
             slot.inboxes[port].put_bounded(end.source, packet, self.graph.edges[edge].queue)
         } else {
@@ -64,10 +100,16 @@ impl Stage {
                 self.run_ready(now, &mut Alone);
             }
             Outgoing::Gap(edge, source) => {
-                if let Some(end) = &mut self.ends[edge] {
-                    end.ledger.declare_gap(source);
-                }
+                self.enter_gap(edge, source, now);
             }
+        }
+    }
+
+    /// Enters a declared gap in the ledger of an edge whose consumer is here.
+    pub(crate) fn enter_gap(&mut self, edge: usize, source: SourceId, now: Time) {
+        if let Some(end) = &mut self.ends[edge] {
+            end.ledger.declare_gap(source);
+            self.note(now, || Event::GapEntered { edge });
         }
     }
 
@@ -123,6 +165,12 @@ impl Stage {
         if !is_free || !matches!(&next.inboxes[port], Inbox::Each(queue) if queue.is_empty()) {
             return None;
         }
+        if let Some(tap) = &self.tap {
+            tap.emitted(index, *output, packet, now);
+            tap.push(now, Event::Delivered { edge, number: end.n_given, fate: Fate::Put });
+            self.how = Activation::Message;
+        }
+        end.n_given += 1;
         end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
         let (_, packet) = self.outbox.packets.pop()?;
         self.delivery.port = port;
@@ -139,6 +187,7 @@ impl Stage {
         let Some(slot) = &mut self.slots[index] else { return };
         let mut routes = std::mem::take(&mut slot.routes);
         for (port, gap) in outbox.gaps.drain(..) {
+            self.note(now, || Event::Gap { instance: index, port, gap: gap.clone() });
             for route in &routes[port] {
                 let edge = match route {
                     Route::Here(edge) | Route::Remote { edge, .. } => *edge,
@@ -149,14 +198,15 @@ impl Stage {
                     }
                 };
                 // A gap on an edge to another worker shows there as a number left out.
-                if let Some(end) = &mut self.ends[edge] {
-                    end.ledger.declare_gap(SourceId(index as u32));
-                }
+                self.enter_gap(edge, SourceId(index as u32), now);
             }
             self.faults.gap(&self.graph.instances[index].path, &gap);
         }
         let mut parked: Vec<Parked> = Vec::new();
         for (port, packet) in outbox.packets.drain(..) {
+            if let Some(tap) = &self.tap {
+                tap.emitted(index, port, &packet, now);
+            }
             let n_routes = routes[port].len();
             let mut packet = Some(packet);
             for (route, way) in routes[port].iter_mut().enumerate() {
@@ -191,7 +241,7 @@ impl Stage {
         remote: &mut dyn Remote,
         is_counted: bool,
     ) -> Result<(), Packet> {
-        let (edge, sender, receiver, when_full, dropped) = match route {
+        let (edge, sender, receiver, when_full, dropped, sent) = match route {
             Route::Here(edge) => {
                 if self.is_full(*edge) {
                     if !is_counted {
@@ -213,16 +263,18 @@ impl Stage {
                 self.gates.hear(*scale, &packet);
                 return Ok(());
             }
-            Route::Remote { edge, sender, receiver, when_full, dropped } => {
-                (*edge, sender, receiver, *when_full, dropped)
+            Route::Remote { edge, sender, receiver, when_full, dropped, sent } => {
+                (*edge, sender, receiver, *when_full, dropped, sent)
             }
         };
         let mut packet = packet;
         if !is_counted {
             remote.sending(edge);
         }
+        let number = *sent;
+        *sent += 1;
         loop {
-            packet = match sender.try_send(packet) {
+            packet = match sender.try_send((number, packet)) {
                 Ok(()) => {
                     remote.sent(edge);
                     return Ok(());
@@ -232,7 +284,7 @@ impl Stage {
                     remote.taken_back(edge);
                     return Ok(());
                 }
-                Err(TrySendError::Full(packet)) => packet,
+                Err(TrySendError::Full((_, packet))) => packet,
             };
             match when_full {
                 WhenFull::DropNewest => {
@@ -246,7 +298,10 @@ impl Stage {
                         remote.taken_back(edge);
                     }
                 }
-                WhenFull::Wait => return Err(packet),
+                WhenFull::Wait => {
+                    *sent -= 1;
+                    return Err(packet);
+                }
             }
         }
     }

@@ -11,6 +11,7 @@ use foveate_rig::graph::OnError;
 use super::Stage;
 use crate::inbox::Inbox;
 use crate::slot::in_words;
+use crate::tap::Event;
 
 /// Restarts of a failing node, at most, without a successful activation in between.
 const MOST_RESTARTS: u32 = 5;
@@ -31,6 +32,9 @@ impl Stage {
             OnError::Skip | OnError::Restart => "restarted",
         };
         self.faults.failure(&instance.path, seen, &error, action);
+        if let Some(tap) = &self.tap {
+            tap.push(now, Event::Failed { instance: index, seen, error, action });
+        }
         if action == "message skipped" {
             return;
         }

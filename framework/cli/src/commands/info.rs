@@ -1,0 +1,80 @@
+//! `foveate info`: what is in a session.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use foveate_session::Session;
+use foveate_session::names::{FILES, ORDER, STATUS};
+
+use super::complain;
+use crate::exit;
+use crate::output::say;
+
+pub(super) fn run(path: &Path) -> u8 {
+    match Session::open(path).and_then(|it| describe(&it)) {
+        Ok(text) => {
+            say(&text);
+            exit::DONE
+        }
+        Err(sentence) => complain(&sentence),
+    }
+}
+
+fn describe(session: &Session) -> Result<String, String> {
+    let mut text = String::new();
+    let mut line = |it: String| {
+        text += &it;
+        text.push('\n');
+    };
+    let bytes = std::fs::metadata(&session.path).map_err(|error| error.to_string())?.len();
+    let [first, last] = session.summary.times();
+    let seconds = last.saturating_sub(first) as f64 * 1e-9;
+    line(format!(
+        "{}: rig `{}`, seed {}, {} run, {seconds:.2} s, {} in {} chunks, by foveate {}",
+        session.path.display(),
+        session.fact("rig"),
+        session.fact("seed"),
+        session.fact("mode"),
+        size(bytes),
+        session.summary.chunks.len(),
+        session.fact("program"),
+    ));
+    session.remarks.iter().for_each(|it| line(format!("note: {it}")));
+    match &session.end {
+        None => line("it ends without the last words of its recorder".to_owned()),
+        Some(end) => {
+            for (_, value) in end.iter().filter(|it| it.0.starts_with("remark_")) {
+                line(format!("note: {value}"));
+            }
+        }
+    }
+    line(format!("\n{:<48} {:>9} {:>9} {:>9}  kind", "topic", "messages", "rate Hz", "left out"));
+    let mut channels: Vec<_> = session.summary.channels.values().collect();
+    channels.sort_by(|a, b| a.topic.cmp(&b.topic));
+    for channel in channels.into_iter().filter(|it| it.topic != STATUS) {
+        let count = session.summary.counts.get(&channel.id).copied().unwrap_or(0);
+        let rate = count as f64 / seconds.max(1e-9);
+        let left_out = session.left_out.get(&channel.topic).copied().unwrap_or(0);
+        let kind = match channel.topic.as_str() {
+            ORDER => "order of delivery, in batches",
+            _ => channel.metadata.get("message").map_or("", String::as_str),
+        };
+        let left_out = if left_out == 0 { String::new() } else { left_out.to_string() };
+        line(format!("{:<48} {count:>9} {rate:>9.1} {left_out:>9}  {kind}", channel.topic));
+    }
+    let files: Vec<&str> = session.summary.attachments.iter().map(|it| it.name.strip_prefix(FILES).unwrap_or(&it.name)).collect();
+    line(format!("\nfiles: {}", files.join("  ")));
+    Ok(text)
+}
+
+/// A size for people.
+pub(super) fn size(bytes: u64) -> String {
+    let mut text = String::new();
+    let _ = match bytes {
+        0..10_000 => write!(text, "{bytes} bytes"),
+        10_000..10_000_000 => write!(text, "{:.0} kB", bytes as f64 / 1e3),
+        10_000_000..10_000_000_000 => write!(text, "{:.0} MB", bytes as f64 / 1e6),
+        _ => write!(text, "{:.1} GB", bytes as f64 / 1e9),
+    };
+    text
+}

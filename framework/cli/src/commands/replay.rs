@@ -1,0 +1,133 @@
+//! `foveate replay`: a session again, from its file alone.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use foveate_engine::{self as engine, Options, Progress, Source};
+use foveate_node::Registry;
+use foveate_rig::graph::Graph;
+use foveate_session::replay::{self, LoadError};
+use foveate_session::{Player, Session};
+
+use super::complain;
+use super::run::{conclude, host};
+use crate::output::wants_color;
+use crate::progress::Line;
+use crate::{exit, interrupt, results};
+
+/// `foveate replay`
+#[derive(Debug, clap::Args)]
+pub struct ReplayArgs {
+    /// The session (MCAP)
+    #[arg(value_hint = clap::ValueHint::FilePath)]
+    session: PathBuf,
+    /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
+    out: Option<PathBuf>,
+    /// At the pace of the wall clock, for people who watch
+    #[arg(long)]
+    paced: bool,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
+    let mut session = match open(&args.session, args.quiet) {
+        Ok(session) => session,
+        Err(sentence) => return complain(&sentence),
+    };
+    let files = match Unpacked::new() {
+        Ok(files) => files,
+        Err(sentence) => return complain(&sentence),
+    };
+    let mut graph = match replay::load(&mut session, &files.0, registry) {
+        Ok(graph) => graph,
+        Err(LoadError::Session(sentence)) => return complain(&sentence),
+        Err(LoadError::Rig(faults)) => {
+            eprint!("{}", faults.render(wants_color()));
+            return exit::INPUT;
+        }
+    };
+    if !args.quiet {
+        graph.host = host();
+    }
+    let graph = Arc::new(graph);
+    let (sources, remarks) = replay::sources(&graph, &session);
+    if !args.quiet {
+        say_what_is_made(&graph, &sources, &remarks);
+    }
+    let options = Options { paced: args.paced, ..Options::default() };
+    if let Err(sentence) = interrupt::stops(&options.stop) {
+        return complain(&sentence);
+    }
+    let mut player = match Player::new(session, Arc::clone(&graph), &sources) {
+        Ok(player) => player,
+        Err(sentence) => return complain(&sentence),
+    };
+    let folder = match results::make_folder(args.out.as_deref(), &graph.name) {
+        Ok(folder) => folder,
+        Err(sentence) => return complain(&sentence),
+    };
+    if let Err(sentence) = results::write_rig(&folder, &graph) {
+        return complain(&sentence);
+    }
+    let options = Options { out_dir: Some(folder.to_path_buf()), ..options };
+    let mut line = Line::new(&graph);
+    let mut observe = |progress: &Progress| {
+        if !args.quiet {
+            line.show(progress);
+        }
+    };
+    let outcome = engine::replay(Arc::clone(&graph), &sources, &mut player, &options, &mut observe);
+    line.end();
+    match outcome {
+        Ok(outcome) => conclude(args.quiet, &graph, &outcome, &folder),
+        Err(error) => {
+            folder.take_back(&results::BEFORE_THE_RUN);
+            complain(&error.to_string())
+        }
+    }
+}
+
+/// Opens a session and says what was wrong with it.
+pub(super) fn open(path: &Path, is_quiet: bool) -> Result<Session, String> {
+    let session = Session::open(path)?;
+    if !is_quiet {
+        session.remarks.iter().for_each(|it| eprintln!("note: `{}`: {it}", path.display()));
+    }
+    Ok(session)
+}
+
+fn say_what_is_made(graph: &Graph, sources: &[Source], remarks: &[String]) {
+    let n_made = sources.iter().filter(|it| **it == Source::Node).count();
+    eprintln!(
+        "{n_made} of {} nodes work again; messages of the others come from the recording",
+        graph.instances.len()
+    );
+    remarks.iter().for_each(|it| eprintln!("note: {it}"));
+}
+
+/// A folder for the files of a session, removed at the end.
+pub(super) struct Unpacked(pub PathBuf);
+
+impl Unpacked {
+    pub fn new() -> Result<Unpacked, String> {
+        let base = std::env::temp_dir();
+        for n in 0..10_000 {
+            let path = base.join(format!("foveate-session-{}-{n}", std::process::id()));
+            match std::fs::create_dir(&path) {
+                Ok(()) => return Ok(Unpacked(path)),
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(format!("`{}` cannot be made: {error}", path.display())),
+            }
+        }
+        Err(format!("`{}` has no room for the files of a session", base.display()))
+    }
+}
+
+impl Drop for Unpacked {
+    fn drop(&mut self) {
+        drop(std::fs::remove_dir_all(&self.0)); // what cannot be removed stays
+    }
+}

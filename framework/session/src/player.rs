@@ -1,0 +1,181 @@
+//! The events of a session in the order in which they happened, with the messages that a replay needs.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
+use std::sync::Arc;
+
+use foveate_engine::tap::{Entry, Event};
+use foveate_engine::{Feed, Source};
+use foveate_rig::graph::Graph;
+
+use crate::names::{self, topic};
+use crate::session::Session;
+use crate::{body, order};
+
+/// Reads the events of a session.
+pub struct Player {
+    session: Session,
+    graph: Arc<Graph>,
+    chunk: usize,
+    order_channel: u16,
+    /// Channels whose messages a replay needs: instance and port.
+    needed: BTreeMap<u16, (usize, usize)>,
+    bodies: HashMap<(usize, usize), VecDeque<Vec<u8>>>,
+    early: BinaryHeap<Reverse<Early>>,
+    next: u64,
+}
+
+/// An event that was read before its turn.
+struct Early(Entry);
+
+impl PartialEq for Early {
+    fn eq(&self, other: &Early) -> bool {
+        self.0.order == other.0.order
+    }
+}
+
+impl Eq for Early {}
+
+impl PartialOrd for Early {
+    fn partial_cmp(&self, other: &Early) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Early {
+    fn cmp(&self, other: &Early) -> std::cmp::Ordering {
+        self.0.order.cmp(&other.0.order)
+    }
+}
+
+impl Player {
+    /// Plays a session for nodes of `graph` that are taken from it.
+    ///
+    /// # Errors
+    /// A sentence: it holds no order of delivery, or messages of another layout than this program's.
+    pub fn new(session: Session, graph: Arc<Graph>, sources: &[Source]) -> Result<Player, String> {
+        let order_channel = session.channel(names::ORDER).map(|it| it.id);
+        let order_channel = order_channel.ok_or_else(|| {
+            format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER)
+        })?;
+        let mut needed = BTreeMap::new();
+        for (index, instance) in graph.instances.iter().enumerate() {
+            for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
+                let feeds = graph.edges.iter().any(|it| it.from == (index, port) && sources[it.to.0] == Source::Node);
+                let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
+                if sources[index] == Source::Node || !feeds {
+                    continue;
+                }
+                let codec = output.message.wire.codec();
+                let layout = codec.map_or_else(String::new, |it| format!("{:016x}", it.layout()));
+                let fact = |key: &str| channel.metadata.get(key).map_or("", String::as_str);
+                let here = (output.message.name, output.message.version.to_string(), layout);
+                if (fact("message"), fact("version"), fact("layout")) != (here.0, &here.1, &here.2) {
+                    return Err(format!(
+                        "`{}`: {} was recorded as `{}` version {} (layout {}), and this program has `{}` version {} (layout {})",
+                        session.path.display(),
+                        channel.topic,
+                        fact("message"),
+                        fact("version"),
+                        fact("layout"),
+                        here.0,
+                        here.1,
+                        here.2
+                    ));
+                }
+                needed.insert(channel.id, (index, port));
+            }
+        }
+        Ok(Player {
+            session,
+            graph,
+            chunk: 0,
+            order_channel,
+            needed,
+            bodies: HashMap::new(),
+            early: BinaryHeap::new(),
+            next: 0,
+        })
+    }
+
+    /// Reads one chunk; `false` after the last one.
+    fn read_on(&mut self) -> Result<bool, String> {
+        if self.chunk == self.session.summary.chunks.len() {
+            return Ok(false);
+        }
+        let (order_channel, needed) = (self.order_channel, &self.needed);
+        let (bodies, early) = (&mut self.bodies, &mut self.early);
+        self.session.messages(self.chunk, |channel, _, bytes| {
+            if channel == order_channel {
+                early.extend(order::decode(bytes)?.into_iter().map(|it| Reverse(Early(it))));
+            } else if let Some(port) = needed.get(&channel) {
+                bodies.entry(*port).or_default().push_back(bytes.to_vec());
+            }
+            Ok(())
+        })?;
+        self.chunk += 1;
+        Ok(true)
+    }
+
+    /// Fills in the message of an event, and refuses numbers that the graph does not have.
+    fn complete(&mut self, entry: &mut Entry) -> Result<(), String> {
+        let (n_instances, n_edges) = (self.graph.instances.len(), self.graph.edges.len());
+        let wrong = |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
+        match &mut entry.event {
+            Event::Activated { instance, .. } | Event::Failed { instance, .. } | Event::Finished { instance, .. } => {
+                if *instance >= n_instances {
+                    return Err(wrong("a node"));
+                }
+            }
+            Event::GapEntered { edge } | Event::Delivered { edge, .. } | Event::Lost { edge, .. } => {
+                if *edge >= n_edges {
+                    return Err(wrong("an edge"));
+                }
+            }
+            Event::Gap { instance, port, .. } | Event::Emitted { instance, port, .. } => {
+                let outputs = self.graph.instances.get(*instance).map(|it| it.node_type.ports.outputs.len());
+                if outputs.is_none_or(|it| *port >= it) {
+                    return Err(wrong("an output"));
+                }
+            }
+            Event::Ending | Event::Ended { .. } => {}
+        }
+        if let Event::Emitted { instance, port, is_kept: true, packet, .. } = &mut entry.event
+            && self.needed.values().any(|it| *it == (*instance, *port))
+        {
+            let bytes = self.bodies.get_mut(&(*instance, *port)).and_then(VecDeque::pop_front);
+            let output = &self.graph.instances[*instance].node_type.ports.outputs[*port];
+            let place = || format!("`{}` of {} at {}", output.name, self.graph.instances[*instance].path, entry.now);
+            let bytes = bytes.ok_or_else(|| format!("{} is not in the recording", place()))?;
+            let read = body::decode(&output.message, &bytes).map_err(|what| format!("{}: {what}", place()))?;
+            *packet = Some(read);
+        }
+        Ok(())
+    }
+}
+
+impl Feed for Player {
+    fn next(&mut self) -> Result<Option<Entry>, String> {
+        loop {
+            if let Some(Reverse(first)) = self.early.peek()
+                && first.0.order <= self.next
+            {
+                let Some(Reverse(Early(mut entry))) = self.early.pop() else { continue };
+                if entry.order < self.next {
+                    return Err(format!("`{}` tells twice of event {}", self.session.path.display(), entry.order));
+                }
+                self.next += 1;
+                self.complete(&mut entry)?;
+                return Ok(Some(entry));
+            }
+            if !self.read_on()? {
+                // After a kill some lanes may be further than others: what is behind a gap is not known to be whole.
+                return Ok(None);
+            }
+        }
+    }
+
+    fn was_live(&self) -> bool {
+        self.session.fact("mode") == "live"
+    }
+}

@@ -1,0 +1,338 @@
+//! Records a run: a thread of its own takes what happened from the [`Tap`] and writes it.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use foveate_engine::tap::{Entry, Event, LeftOut, Tap, Wanted};
+use foveate_node::Host;
+use foveate_node::Role;
+use foveate_node::guard::guarded;
+use foveate_rig::graph::Graph;
+use serde_json::json;
+
+use crate::attach::{self, Attached};
+use crate::file::{Channel, Packing, SessionFile};
+use crate::names::{self, GraphNames, topic};
+use crate::{body, order};
+
+/// What was recorded is safe on the disk after so long.
+const FLUSH_PERIOD: Duration = Duration::from_millis(250);
+/// Pause before the tap is looked at again when it gave nothing.
+const PAUSE: Duration = Duration::from_millis(5);
+/// Bytes that may wait for the disk where nobody says how many: two seconds of 18 wide cameras.
+pub const MEMORY: usize = 256 << 20;
+/// Names of messages that are pictures, which are left out first.
+const PICTURES: [&str; 3] = ["image", "pattern_pictures", "silhouette"];
+
+/// What is recorded, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// The file, which must not be there yet.
+    pub path: PathBuf,
+    /// How it is compressed.
+    pub packing: Packing,
+    /// Whether pictures are recorded.
+    pub pictures: bool,
+    /// Bytes that may wait for the disk.
+    pub memory: usize,
+    /// The run waits for the disk. Only for runs on a logical clock.
+    pub waits: bool,
+    /// How the run is made: `live`, `paced` or `simulated`.
+    pub mode: &'static str,
+    /// When it began, by the clock on the wall [ns since 1970]; 0 for a run on a logical clock, which is the same at any time.
+    pub began_unix_ns: u128,
+}
+
+/// A recording that is being made.
+pub struct Recorder {
+    tap: Tap,
+    thread: JoinHandle<Recorded>,
+    is_abandoned: Arc<AtomicBool>,
+    path: PathBuf,
+}
+
+/// What a recorder leaves behind.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Recorded {
+    /// Size of the file [bytes].
+    pub bytes: u64,
+    /// What was not recorded though it was wanted.
+    pub left_out: LeftOut,
+    /// Why the recording ended before the run did.
+    pub failure: Option<String>,
+    /// Sentences about files of the rig that are not in the session, and messages that could not be written.
+    pub remarks: Vec<String>,
+}
+
+impl Recorder {
+    /// Begins a recording of a run of `graph`.
+    ///
+    /// # Errors
+    /// A sentence: the file cannot be begun.
+    pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
+        let wanted = wanted(graph, recording);
+        let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
+        let attached = attach::gather(graph)?;
+        let mut writing = Writing {
+            file: SessionFile::create(&recording.path, recording.packing)?,
+            graph: Arc::clone(graph),
+            channels: graph.instances.iter().map(|it| vec![None; it.node_type.ports.outputs.len()]).collect(),
+            left_out: BTreeMap::new(),
+            wanted,
+            order: None,
+            status: None,
+            last_status: String::new(),
+            body: Vec::new(),
+            remarks: attached.missing.clone(),
+            is_ended: false,
+            now: 0,
+        };
+        let failed = |what: String| format!("`{}` cannot be written: {what}", recording.path.display());
+        writing.begin(recording, &attached).map_err(failed)?;
+        let is_abandoned = Arc::new(AtomicBool::new(false));
+        let thread = {
+            let (tap, is_abandoned, path) = (tap.clone(), Arc::clone(&is_abandoned), recording.path.clone());
+            std::thread::spawn(move || record(writing, &tap, &is_abandoned, &path, &host))
+        };
+        Ok(Recorder { tap, thread, is_abandoned, path: recording.path.clone() })
+    }
+
+    /// For [`Options::tap`](foveate_engine::Options).
+    pub fn tap(&self) -> Tap {
+        self.tap.clone()
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// After the run: writes what still waits, and the summary.
+    pub fn finish(self) -> Recorded {
+        self.is_abandoned.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap_or_else(|_| Recorded {
+            failure: Some("its thread died".to_owned()),
+            ..Recorded::default()
+        })
+    }
+}
+
+/// Whether an output port gives pictures.
+fn is_picture(graph: &Graph, instance: usize, port: usize) -> bool {
+    PICTURES.contains(&graph.instances[instance].node_type.ports.outputs[port].message.name)
+}
+
+/// Whether the messages of an output port are recorded. What no edge carries is not, nor are pictures that only sinks take.
+pub(crate) fn is_wanted(graph: &Graph, instance: usize, port: usize, with_pictures: bool) -> bool {
+    let output = &graph.instances[instance].node_type.ports.outputs[port];
+    let mut consumers = graph.edges.iter().filter(|it| it.from == (instance, port)).map(|it| it.to.0);
+    let is_used = consumers.clone().next().is_some();
+    let only_shown = consumers.all(|it| graph.instances[it].node_type.role == Role::Sink);
+    let is_picture_wanted = !is_picture(graph, instance, port) || (with_pictures && !only_shown);
+    output.message.wire.codec().is_some() && is_used && is_picture_wanted
+}
+
+/// By instance and port: which messages are recorded.
+fn wanted(graph: &Graph, recording: &Recording) -> Vec<Vec<Wanted>> {
+    let of_port = |instance: usize, port: usize| match is_wanted(graph, instance, port, recording.pictures) {
+        false => Wanted::No,
+        true if is_picture(graph, instance, port) => Wanted::First,
+        true => Wanted::Yes,
+    };
+    let ports = |instance: usize| 0..graph.instances[instance].node_type.ports.outputs.len();
+    (0..graph.instances.len()).map(|it| ports(it).map(|port| of_port(it, port)).collect()).collect()
+}
+
+fn record(mut writing: Writing, tap: &Tap, is_abandoned: &AtomicBool, path: &Path, host: &Host) -> Recorded {
+    let mut entries = VecDeque::new();
+    let mut flushed = Instant::now();
+    let mut failure = None;
+    while !writing.is_ended {
+        // Looked at before the tap is, so that what was recorded last is seen.
+        let is_last = is_abandoned.load(Ordering::Relaxed);
+        tap.drain(&mut entries);
+        let was_empty = entries.is_empty();
+        let written = guarded(|| {
+            writing.take(&mut entries)?;
+            if flushed.elapsed() >= FLUSH_PERIOD {
+                writing.flush()?;
+                flushed = Instant::now();
+            }
+            Ok(())
+        });
+        if let Err(what) = written.unwrap_or_else(Err) {
+            tap.close();
+            host.warn("recording", &format!("`{}` ends here, the run goes on: {what}", path.display()));
+            failure = Some(what);
+            break;
+        }
+        if was_empty {
+            if is_last {
+                break;
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+    let mut remarks = std::mem::take(&mut writing.remarks);
+    if tap.is_order_lost() {
+        remarks.push("the disk was too slow for the order of delivery: a replay ends where it is lost".to_owned());
+    }
+    let mut bytes = writing.file.length();
+    if failure.is_none() {
+        failure = writing.finish(tap).err();
+        bytes = std::fs::metadata(path).map_or(bytes, |it| it.len());
+    }
+    Recorded { bytes, left_out: tap.left_out(), failure, remarks }
+}
+
+/// What the thread holds.
+struct Writing {
+    file: SessionFile,
+    graph: Arc<Graph>,
+    /// By instance, by port: begun with the first message.
+    channels: Vec<Vec<Option<Channel>>>,
+    /// By topic: messages that were wanted and are not there.
+    left_out: BTreeMap<String, u64>,
+    wanted: Vec<Vec<Wanted>>,
+    order: Option<Channel>,
+    status: Option<Channel>,
+    last_status: String,
+    body: Vec<u8>,
+    remarks: Vec<String>,
+    is_ended: bool,
+    /// Time of the last event [ns].
+    now: i64,
+}
+
+impl Writing {
+    fn begin(&mut self, recording: &Recording, attached: &Attached) -> Result<(), String> {
+        let graph = Arc::clone(&self.graph);
+        let names = serde_json::to_vec(&GraphNames::of(&graph)).map_err(|error| error.to_string())?;
+        let text = |it: &dyn std::fmt::Display| it.to_string();
+        let facts = [
+            ("version", text(&names::VERSION)),
+            ("program", text(&env!("CARGO_PKG_VERSION"))),
+            ("rig", graph.name.clone()),
+            ("seed", text(&graph.seed)),
+            ("mode", recording.mode.to_owned()),
+            ("began_unix_ns", text(&recording.began_unix_ns)),
+            ("platform", format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)),
+            ("pictures", text(&recording.pictures)),
+        ];
+        let facts = facts.map(|(key, value)| (key.to_owned(), value));
+        self.file.metadata(names::SESSION, facts.into())?;
+        self.file.attach(names::RIG, "application/toml", graph.resolved.as_bytes())?;
+        self.file.attach(names::REPLAY_RIG, "application/toml", attached.rig.as_bytes())?;
+        self.file.attach(names::GRAPH, "application/json", &names)?;
+        for (name, bytes) in &attached.files {
+            self.file.attach(name, "application/octet-stream", bytes)?;
+        }
+        let none = BTreeMap::new();
+        self.order = Some(self.file.channel(names::ORDER, names::ORDER_ENCODING, None, &none)?);
+        self.status = Some(self.file.channel(names::STATUS, "json", None, &none)?);
+        self.file.flush()
+    }
+
+    /// Writes all that has happened.
+    fn take(&mut self, entries: &mut VecDeque<Entry>) -> Result<(), String> {
+        let mut encoder = order::Encoder::default();
+        let mut batch = Vec::new();
+        let mut last = None;
+        while let Some(mut entry) = entries.pop_front() {
+            if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event {
+                let (instance, port) = (*instance, *port);
+                if let Some(packet) = packet.take() {
+                    *is_kept = self.message(instance, port, &packet, entry.now.0)?;
+                } else if self.wanted[instance][port] != Wanted::No {
+                    self.count_left_out(instance, port);
+                }
+            }
+            self.is_ended |= matches!(entry.event, Event::Ended { .. });
+            encoder.add(&entry, &mut batch);
+            last = Some(entry.now.0);
+        }
+        match (last, self.order) {
+            (Some(now), Some(order)) => {
+                self.now = self.now.max(now);
+                self.file.message(order, self.now, self.now, &batch)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn count_left_out(&mut self, instance: usize, port: usize) {
+        let it = &self.graph.instances[instance];
+        *self.left_out.entry(topic(&it.path, it.node_type.ports.outputs[port].name)).or_default() += 1;
+    }
+
+    /// Writes a message; `false` where it could not be turned into bytes.
+    fn message(
+        &mut self,
+        instance: usize,
+        port: usize,
+        packet: &foveate_node::io::Packet,
+        now: i64,
+    ) -> Result<bool, String> {
+        let node = &self.graph.instances[instance];
+        let output = &node.node_type.ports.outputs[port];
+        self.body.clear();
+        if let Err(what) = body::encode(&output.message, packet, &mut self.body) {
+            let sentence = format!("messages at `{}` of {} cannot be recorded: {what}", output.name, node.path);
+            if !self.remarks.contains(&sentence) {
+                self.remarks.push(sentence);
+            }
+            self.count_left_out(instance, port);
+            return Ok(false);
+        }
+        let channel = match self.channels[instance][port] {
+            Some(channel) => channel,
+            None => {
+                let message = &output.message;
+                let codec = message.wire.codec().ok_or("a message that cannot leave its process")?;
+                let schema = serde_json::to_vec(&codec.schema()).map_err(|error| error.to_string())?;
+                let facts = [
+                    ("instance", node.path.clone()),
+                    ("port", output.name.to_owned()),
+                    ("message", message.name.to_owned()),
+                    ("version", message.version.to_string()),
+                    ("layout", format!("{:016x}", codec.layout())),
+                    ("space", message.space.in_words()),
+                ];
+                let facts = facts.map(|(key, value)| (key.to_owned(), value)).into();
+                let schema = (message.name, "jsonschema", schema.as_slice());
+                let topic = topic(&node.path, output.name);
+                let channel = self.file.channel(&topic, names::MESSAGE_ENCODING, Some(schema), &facts)?;
+                self.channels[instance][port] = Some(channel);
+                channel
+            }
+        };
+        self.file.message(channel, now, packet.stamp.time.0, &self.body)?;
+        Ok(true)
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        if !self.left_out.is_empty() {
+            let status = json!({ "left_out": self.left_out }).to_string();
+            if let Some(channel) = self.status.filter(|_| status != self.last_status) {
+                self.file.message(channel, self.now, self.now, status.as_bytes())?;
+                self.last_status = status;
+            }
+        }
+        self.file.flush()
+    }
+
+    fn finish(mut self, tap: &Tap) -> Result<(), String> {
+        self.flush()?;
+        let left_out = tap.left_out();
+        let mut facts: BTreeMap<String, String> = self.remarks.iter().enumerate().map(|(n, it)| (format!("remark_{n}"), it.clone())).collect();
+        facts.insert("left_out_pictures".to_owned(), left_out.pictures.to_string());
+        facts.insert("left_out_messages".to_owned(), left_out.messages.to_string());
+        facts.insert("is_order_lost".to_owned(), tap.is_order_lost().to_string());
+        self.file.metadata(names::END, facts)?;
+        self.file.finish()
+    }
+}
