@@ -27,6 +27,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
     ("boundary", &["node"]),
+    // Messages as viewers read them.
+    ("session", &["messages"]),
     ("plugin", &["boundary", "messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),

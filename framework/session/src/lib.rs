@@ -1,0 +1,3 @@
+//! Messages as viewers of robotics read them.
+
+pub mod viewer;
