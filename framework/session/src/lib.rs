@@ -14,6 +14,7 @@ pub mod records;
 pub mod replay;
 pub mod session;
 pub mod summary;
+pub mod viewer;
 
 pub use file::Packing;
 pub use player::Player;

@@ -27,6 +27,9 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
     ("boundary", &["node"]),
+    // Messages as viewers read them.
+    // A recording of a run is a rig and what an engine did with it.
+    ("session", &["engine", "messages", "node", "rig"]),
     ("plugin", &["boundary", "messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),
