@@ -17,6 +17,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("plot", &[]),
     // Patterns of camera names say what was probably meant; foreign lenses are fitted; names stand in the XML of other programs, escaped as in figures.
     ("scene", &["diagnostics", "estimation", "geometry", "plot"]),
+    // Results as a page: it reads files and no graph, so that it can report on what an older program wrote.
+    ("report", &["diagnostics", "plot"]),
     // A room beside the nodes: calibrating is no node's work, and the program that does it knows both.
     ("calibration", &["diagnostics", "estimation", "geometry", "plot", "scene"]),
     ("messages", &["time"]),
