@@ -29,7 +29,6 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
     ("boundary", &["node"]),
-    // Messages as viewers read them.
     // A recording of a run is a rig and what an engine did with it.
     ("session", &["engine", "messages", "node", "rig"]),
     ("plugin", &["boundary", "messages", "node"]),
@@ -92,9 +91,11 @@ const ARROWS: &[(&str, &[&str])] = &[
             "pan-tilt",
             "plot",
             "plugin",
+            "report",
             "rig",
             "scene",
             "select",
+            "session",
             "sim",
             "structured-light",
             "surface",

@@ -14,6 +14,7 @@ pub mod nodes;
 mod patterns;
 mod plugin;
 mod replay;
+mod report;
 mod run;
 mod sim;
 
@@ -58,6 +59,8 @@ enum Command {
         #[arg(value_hint = clap::ValueHint::FilePath)]
         session: PathBuf,
     },
+    /// Make one page of a results folder, to read, send and print
+    Report(report::ReportArgs),
     /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
     Calibrate(Box<calibrate::CalibrateArgs>),
     /// Run a rig with many seeds and say of each figure the median, the worst and what failed
@@ -253,6 +256,7 @@ impl Cli {
         match self.command {
             Command::Run(args) => run::run(&args, registry),
             Command::Replay(args) => replay::run(&args, registry),
+            Command::Report(args) => report::run(&args),
             Command::Info { session } => info::run(&session),
             Command::Calibrate(args) => calibrate::run(&args, registry),
             Command::Eval(args) => eval::run(&args, registry),
