@@ -8,15 +8,18 @@ pub mod body;
 pub mod file;
 pub mod names;
 pub mod order;
+pub mod picture;
 pub mod player;
 pub mod recorder;
 pub mod records;
 pub mod replay;
 pub mod session;
+mod shown;
 pub mod summary;
 pub mod viewer;
 
 pub use file::Packing;
+pub use picture::Pictures;
 pub use player::Player;
 pub use recorder::{Recorded, Recorder, Recording};
 pub use session::Session;

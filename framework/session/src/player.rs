@@ -9,8 +9,10 @@ use foveate_engine::{Feed, Source};
 use foveate_rig::graph::Graph;
 
 use crate::names::{self, topic};
+use crate::recorder::is_picture;
 use crate::session::Session;
-use crate::{body, order};
+use crate::viewer::Schema;
+use crate::{body, order, picture};
 
 /// Reads the events of a session.
 pub struct Player {
@@ -20,6 +22,8 @@ pub struct Player {
     order_channel: u16,
     /// Channels whose messages a replay needs: instance and port.
     needed: BTreeMap<u16, (usize, usize)>,
+    /// Of those, ports of pictures: the name of the schema that they are written in.
+    pictures: HashMap<(usize, usize), String>,
     bodies: HashMap<(usize, usize), VecDeque<Vec<u8>>>,
     early: BinaryHeap<Reverse<Early>>,
     next: u64,
@@ -59,9 +63,13 @@ impl Player {
             format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER)
         })?;
         let mut needed = BTreeMap::new();
+        let mut pictures = HashMap::new();
         for (index, instance) in graph.instances.iter().enumerate() {
             for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
-                let feeds = graph.edges.iter().any(|it| it.from == (index, port) && sources[it.to.0] == Source::Node);
+                // Between two nodes that are not made, ledgers still want to know what the message says of its quality; pictures say nothing.
+                let is_small = !is_picture(&graph, index, port);
+                let mut along = graph.edges.iter().filter(|it| it.from == (index, port));
+                let feeds = along.any(|it| is_small || sources[it.to.0] == Source::Node);
                 let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
                 if sources[index] == Source::Node || !feeds {
                     continue;
@@ -83,6 +91,10 @@ impl Player {
                         here.2
                     ));
                 }
+                if channel.message_encoding == Schema::ENCODING {
+                    let schema = session.summary.schemas.get(&channel.schema_id);
+                    pictures.insert((index, port), schema.map_or_else(String::new, |it| it.0.name.clone()));
+                }
                 needed.insert(channel.id, (index, port));
             }
         }
@@ -92,6 +104,7 @@ impl Player {
             chunk: 0,
             order_channel,
             needed,
+            pictures,
             bodies: HashMap::new(),
             early: BinaryHeap::new(),
             next: 0,
@@ -147,7 +160,12 @@ impl Player {
             let output = &self.graph.instances[*instance].node_type.ports.outputs[*port];
             let place = || format!("`{}` of {} at {}", output.name, self.graph.instances[*instance].path, entry.now);
             let bytes = bytes.ok_or_else(|| format!("{} is not in the recording", place()))?;
-            let read = body::decode(&output.message, &bytes).map_err(|what| format!("{}: {what}", place()))?;
+            let schema = self.pictures.get(&(*instance, *port));
+            let read = match schema {
+                Some(schema) => picture::decode(schema, &bytes),
+                None => body::decode(&output.message, &bytes),
+            };
+            let read = read.map_err(|what| format!("{}: {what}", place()))?;
             *packet = Some(read);
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! Records a run: a thread of its own takes what happened from the [`Tap`] and writes it.
 
+use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,15 +9,19 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use foveate_engine::tap::{Entry, Event, LeftOut, Tap, Wanted};
-use foveate_node::Host;
-use foveate_node::Role;
+use foveate_messages::Image;
 use foveate_node::guard::guarded;
-use foveate_rig::graph::Graph;
+use foveate_node::{Host, Role};
+use foveate_rig::graph::{Graph, Instance};
+use foveate_scene::selection::matches;
 use serde_json::json;
 
 use crate::attach::{self, Attached};
 use crate::file::{Channel, Packing, SessionFile};
 use crate::names::{self, GraphNames, topic};
+use crate::picture::Pictures;
+use crate::shown::Shown;
+use crate::viewer::{LogLevel, Schema};
 use crate::{body, order};
 
 /// What was recorded is safe on the disk after so long.
@@ -35,8 +40,10 @@ pub struct Recording {
     pub path: PathBuf,
     /// How it is compressed.
     pub packing: Packing,
-    /// Whether pictures are recorded.
-    pub pictures: bool,
+    /// How pictures are recorded.
+    pub pictures: Pictures,
+    /// How those of single cameras are, by patterns of their names; the first that matches decides.
+    pub of_cameras: Vec<(String, Pictures)>,
     /// Bytes that may wait for the disk.
     pub memory: usize,
     /// The run waits for the disk. Only for runs on a logical clock.
@@ -53,6 +60,14 @@ pub struct Recorder {
     thread: JoinHandle<Recorded>,
     is_abandoned: Arc<AtomicBool>,
     path: PathBuf,
+}
+
+impl Recording {
+    /// How the pictures of a camera are recorded.
+    fn of(&self, camera: Option<&str>) -> Pictures {
+        let of_camera = |name| self.of_cameras.iter().find(|it| matches(&it.0, name)).map(|it| it.1);
+        camera.and_then(of_camera).unwrap_or(self.pictures)
+    }
 }
 
 /// What a recorder leaves behind.
@@ -74,7 +89,9 @@ impl Recorder {
     /// # Errors
     /// A sentence: the file cannot be begun.
     pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
-        let wanted = wanted(graph, recording);
+        let camera = |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
+        let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.of(camera(it))).collect();
+        let wanted = wanted(graph, &pictures);
         let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
         let attached = attach::gather(graph)?;
         let mut writing = Writing {
@@ -83,6 +100,8 @@ impl Recorder {
             channels: graph.instances.iter().map(|it| vec![None; it.node_type.ports.outputs.len()]).collect(),
             left_out: BTreeMap::new(),
             wanted,
+            pictures,
+            shown: Shown::new(Arc::clone(graph)),
             order: None,
             status: None,
             last_status: String::new(),
@@ -122,7 +141,7 @@ impl Recorder {
 }
 
 /// Whether an output port gives pictures.
-fn is_picture(graph: &Graph, instance: usize, port: usize) -> bool {
+pub(crate) fn is_picture(graph: &Graph, instance: usize, port: usize) -> bool {
     PICTURES.contains(&graph.instances[instance].node_type.ports.outputs[port].message.name)
 }
 
@@ -137,8 +156,9 @@ pub(crate) fn is_wanted(graph: &Graph, instance: usize, port: usize, with_pictur
 }
 
 /// By instance and port: which messages are recorded.
-fn wanted(graph: &Graph, recording: &Recording) -> Vec<Vec<Wanted>> {
-    let of_port = |instance: usize, port: usize| match is_wanted(graph, instance, port, recording.pictures) {
+fn wanted(graph: &Graph, pictures: &[Pictures]) -> Vec<Vec<Wanted>> {
+    let is_asked_for = |instance: usize| pictures[instance] != Pictures::None;
+    let of_port = |instance: usize, port: usize| match is_wanted(graph, instance, port, is_asked_for(instance)) {
         false => Wanted::No,
         true if is_picture(graph, instance, port) => Wanted::First,
         true => Wanted::Yes,
@@ -198,6 +218,9 @@ struct Writing {
     /// By topic: messages that were wanted and are not there.
     left_out: BTreeMap<String, u64>,
     wanted: Vec<Vec<Wanted>>,
+    /// By instance.
+    pictures: Vec<Pictures>,
+    shown: Shown,
     order: Option<Channel>,
     status: Option<Channel>,
     last_status: String,
@@ -221,7 +244,7 @@ impl Writing {
             ("mode", recording.mode.to_owned()),
             ("began_unix_ns", text(&recording.began_unix_ns)),
             ("platform", format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)),
-            ("pictures", text(&recording.pictures)),
+            ("left_away", json!(self.left_away()).to_string()),
         ];
         let facts = facts.map(|(key, value)| (key.to_owned(), value));
         self.file.metadata(names::SESSION, facts.into())?;
@@ -251,6 +274,7 @@ impl Writing {
                     self.count_left_out(instance, port);
                 }
             }
+            self.show(&entry)?;
             self.is_ended |= matches!(entry.event, Event::Ended { .. });
             encoder.add(&entry, &mut batch);
             last = Some(entry.now.0);
@@ -259,6 +283,37 @@ impl Writing {
             (Some(now), Some(order)) => {
                 self.now = self.now.max(now);
                 self.file.message(order, self.now, self.now, &batch)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Topics that nobody asked for.
+    fn left_away(&self) -> Vec<String> {
+        let graph = &self.graph;
+        let ports = |it: &Instance| it.node_type.ports.outputs.clone();
+        let all = graph.instances.iter().enumerate().flat_map(|(index, it)| {
+            let outputs = ports(it).into_iter().enumerate();
+            outputs.map(move |(port, output)| (index, port, topic(&it.path, output.name)))
+        });
+        all.filter(|(index, port, _)| self.wanted[*index][*port] == Wanted::No).map(|it| it.2).collect()
+    }
+
+    /// What viewers show of an event.
+    fn show(&mut self, entry: &Entry) -> Result<(), String> {
+        let path = |instance: &usize| self.graph.instances[*instance].path.as_str();
+        let now = entry.now.0;
+        match &entry.event {
+            Event::Gap { instance, gap, .. } => {
+                self.shown.log(&mut self.file, now, LogLevel::Warning, path(instance), &gap.reason)
+            }
+            Event::Failed { instance, error, action, .. } => {
+                let line = format!("{} ({action})", error.message);
+                self.shown.log(&mut self.file, now, LogLevel::Error, path(instance), &line)
+            }
+            Event::Finished { instance, report, .. } if !report.figures.is_empty() => {
+                let figures = report.figures.iter().map(|(name, it)| (format!("{}: {name}", path(instance)), *it));
+                self.shown.figures(&mut self.file, now, &figures.collect::<Vec<_>>())
             }
             _ => Ok(()),
         }
@@ -277,10 +332,22 @@ impl Writing {
         packet: &foveate_node::io::Packet,
         now: i64,
     ) -> Result<bool, String> {
-        let node = &self.graph.instances[instance];
+        let graph = Arc::clone(&self.graph);
+        let node = &graph.instances[instance];
         let output = &node.node_type.ports.outputs[port];
         self.body.clear();
-        if let Err(what) = body::encode(&output.message, packet, &mut self.body) {
+        let payload: &dyn Any = &*packet.payload;
+        let picture = payload.downcast_ref::<Image>();
+        let pictures = self.pictures[instance];
+        let encoded = match picture {
+            Some(image) => {
+                let frame = graph.calibration.cameras.get(usize::from(image.camera.0));
+                let frame = frame.map_or("camera", |it| it.name.as_str());
+                pictures.encode(&packet.stamp, image, frame, &mut self.body)
+            }
+            None => body::encode(&output.message, packet, &mut self.body),
+        };
+        if let Err(what) = encoded {
             let sentence = format!("messages at `{}` of {} cannot be recorded: {what}", output.name, node.path);
             if !self.remarks.contains(&sentence) {
                 self.remarks.push(sentence);
@@ -293,7 +360,12 @@ impl Writing {
             None => {
                 let message = &output.message;
                 let codec = message.wire.codec().ok_or("a message that cannot leave its process")?;
-                let schema = serde_json::to_vec(&codec.schema()).map_err(|error| error.to_string())?;
+                let json = serde_json::to_vec(&codec.schema()).map_err(|error| error.to_string())?;
+                let described = pictures.kind().schema();
+                let (encoding, schema) = match picture {
+                    Some(_) => (Schema::ENCODING, (described.name, Schema::ENCODING, described.descriptor.as_slice())),
+                    None => (names::MESSAGE_ENCODING, (message.name, "jsonschema", json.as_slice())),
+                };
                 let facts = [
                     ("instance", node.path.clone()),
                     ("port", output.name.to_owned()),
@@ -301,16 +373,17 @@ impl Writing {
                     ("version", message.version.to_string()),
                     ("layout", format!("{:016x}", codec.layout())),
                     ("space", message.space.in_words()),
+                    ("is_lossy", matches!((picture, pictures), (Some(_), Pictures::Jpeg(_))).to_string()),
                 ];
                 let facts = facts.map(|(key, value)| (key.to_owned(), value)).into();
-                let schema = (message.name, "jsonschema", schema.as_slice());
                 let topic = topic(&node.path, output.name);
-                let channel = self.file.channel(&topic, names::MESSAGE_ENCODING, Some(schema), &facts)?;
+                let channel = self.file.channel(&topic, encoding, Some(schema), &facts)?;
                 self.channels[instance][port] = Some(channel);
                 channel
             }
         };
         self.file.message(channel, now, packet.stamp.time.0, &self.body)?;
+        self.shown.message(&mut self.file, (instance, port), packet, now)?;
         Ok(true)
     }
 

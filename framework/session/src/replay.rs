@@ -141,13 +141,13 @@ pub fn sources(graph: &Graph, session: &Session) -> (Vec<Source>, Vec<String>) {
         .iter()
         .map(|it| if is_recorded(&it.node_type) || it.is_live() { Source::Recording } else { Source::Node })
         .collect();
-    let with_pictures = session.fact("pictures") != "false";
+    let left_away: Vec<String> = serde_json::from_str(session.fact("left_away")).unwrap_or_default();
     let is_whole = |instance: usize, port: usize| {
         let it = &graph.instances[instance];
         let output = &it.node_type.ports.outputs[port];
         let topic = topic(&it.path, output.name);
-        let is_wanted = crate::recorder::is_wanted(graph, instance, port, with_pictures);
-        is_wanted && session.left_out.get(&topic).is_none_or(|it| *it == 0)
+        let is_lossy = session.channel(&topic).is_some_and(|it| it.metadata.get("is_lossy").is_some_and(|it| it == "true"));
+        !is_lossy && !left_away.contains(&topic) && session.left_out.get(&topic).is_none_or(|it| *it == 0)
     };
     let mut remarks = Vec::new();
     loop {

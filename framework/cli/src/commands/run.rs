@@ -12,7 +12,7 @@ use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
 use foveate_session::recorder::MEMORY;
-use foveate_session::{Packing, Recorder, Recording};
+use foveate_session::{Packing, Pictures, Recorder, Recording};
 use foveate_web::Server;
 
 use super::info::size;
@@ -139,7 +139,8 @@ fn recorder(
     let recording = Recording {
         path: path.clone().unwrap_or_else(|| folder.join("session.mcap")),
         packing: Packing::default(),
-        pictures: !args.no_pictures,
+        pictures: if args.no_pictures { Pictures::None } else { Pictures::Lossless },
+        of_cameras: Vec::new(),
         memory: MEMORY,
         waits: !is_live,
         mode: if is_live {
