@@ -79,7 +79,8 @@ impl Line {
         let eyes: BTreeSet<Eye> =
             kinds.iter().filter_map(|it| if let Kind::Seen(eye) = it { Some(*eye) } else { None }).collect();
         Self {
-            duration_s: graph.duration.map(|it| it.as_s()),
+            // (Divided, so that 30 s are not 30.000000000000004 s.)
+            duration_s: graph.duration.map(|it| it.0 as f64 / 1e9),
             kinds,
             n_cameras: eyes.len(),
             heard: vec![(0, 0.0); graph.edges.len()],

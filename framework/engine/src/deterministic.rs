@@ -46,7 +46,8 @@ pub(super) fn run(
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
     let started = Instant::now();
-    let mut main = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?.record(options.tap.as_ref());
+    let mut main =
+        Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?.record(options.tap.as_ref());
     let lanes = Arc::new(Lanes::take_from(&mut main, &graph));
     let mut whole = main.empty_like();
     let mut watched: Vec<Watch> = lanes.at().iter().chain([&main.at]).map(|it| Watch::new(Arc::clone(it))).collect();

@@ -153,7 +153,8 @@ pub(super) fn run(
     options: &Options,
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
-    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?.record(options.tap.as_ref());
+    let mut whole =
+        Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?.record(options.tap.as_ref());
     let cores = std::thread::available_parallelism().map_or(2, usize::from);
     let worker_of = assign_workers(&graph, options.workers.unwrap_or(cores + 1).max(1));
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);

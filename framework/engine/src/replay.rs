@@ -84,11 +84,11 @@ pub(super) fn run(
 ) -> Result<Outcome, NodeError> {
     let started = Instant::now();
     let said: Vec<Said> = (0..graph.instances.len()).map(|_| Said::default()).collect();
-    let stage = Stage::build_with(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored, &|index| {
-        match sources[index] {
-            Source::Node => Slot::make(&graph, index, options.out_dir.clone()),
-            Source::Recording => Ok(Box::new(StandIn(Arc::clone(&said[index])))),
-        }
+    let stage = Stage::build_with(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored, &|index| match sources
+        [index]
+    {
+        Source::Node => Slot::make(&graph, index, options.out_dir.clone()),
+        Source::Recording => Ok(Box::new(StandIn(Arc::clone(&said[index])))),
     })?;
     let mut replay = Replay {
         stage,

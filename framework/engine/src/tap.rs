@@ -297,10 +297,7 @@ impl Lane {
                 has_room.then(|| packet.clone())
             }
         };
-        self.push(
-            now,
-            Event::Emitted { instance, port, stamp: packet.stamp, is_kept: kept.is_some(), packet: kept },
-        );
+        self.push(now, Event::Emitted { instance, port, stamp: packet.stamp, is_kept: kept.is_some(), packet: kept });
     }
 
     /// Something else has happened.

@@ -195,6 +195,16 @@ impl Io<'_> {
         }
     }
 
+    /// For recordings: emits at output `port` what was emitted there then.
+    pub fn repeat(&mut self, port: usize, packet: Packet) {
+        self.outbox.packets.push((port, packet));
+    }
+
+    /// For recordings: declares the gap that was declared at output `port` then.
+    pub fn repeat_gap(&mut self, port: usize, gap: Gap) {
+        self.outbox.gaps.push((port, gap));
+    }
+
     /// Declares a message as missing: the gap is counted on the port's edges and shown. Takes up one sequence number.
     pub fn gap<T: Message>(&mut self, port: &Out<T>, time: Time, reason: impl Display) {
         self.check(port);

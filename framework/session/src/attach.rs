@@ -163,7 +163,9 @@ impl Gathering<'_> {
         let mut beside: Vec<_> = fs::read_dir(&folder).into_iter().flatten().flatten().map(|it| it.path()).collect();
         beside.sort();
         for file in beside.iter().filter(|it| it.is_file()).take(MOST_BESIDE) {
-            let (Some(name), Some(whole)) = (file.file_name().and_then(|it| it.to_str()), file.to_str()) else { continue };
+            let (Some(name), Some(whole)) = (file.file_name().and_then(|it| it.to_str()), file.to_str()) else {
+                continue;
+            };
             if let Ok(whole) = std::path::absolute(whole) {
                 self.take(&whole.to_string_lossy(), &prefix.join(name).to_string_lossy(), LARGEST_BESIDE);
             }

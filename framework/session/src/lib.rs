@@ -9,6 +9,7 @@ pub mod file;
 pub mod names;
 pub mod order;
 pub mod picture;
+pub mod playback;
 pub mod player;
 pub mod recorder;
 pub mod records;

@@ -1,5 +1,6 @@
 //! What a session calls things: topics, metadata, attachments.
 
+use foveate_node::port::Ports;
 use foveate_rig::graph::Graph;
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +31,14 @@ pub const FILES: &str = "files/";
 
 /// The topic of an output port: `room.leds[wide-1]` and `features` make `/room/leds/wide-1/features`.
 pub fn topic(instance: &str, port: &str) -> String {
-    let (node, camera) = instance.split_once('[').map_or((instance, None), |(node, rest)| (node, rest.strip_suffix(']')));
+    let (node, camera) =
+        instance.split_once('[').map_or((instance, None), |(node, rest)| (node, rest.strip_suffix(']')));
     let camera = camera.map_or_else(String::new, |it| format!("/{it}"));
     format!("/{}{camera}/{port}", node.replace('.', "/"))
+}
+
+fn outputs(ports: &Ports) -> Vec<String> {
+    ports.outputs.iter().map(|it| it.name.to_owned()).collect()
 }
 
 /// The names of instances and edges of a graph.
@@ -42,6 +48,8 @@ pub struct GraphNames {
     pub instances: Vec<String>,
     /// By number.
     pub edges: Vec<String>,
+    /// By instance: its outputs.
+    pub outputs: Vec<Vec<String>>,
 }
 
 impl GraphNames {
@@ -50,6 +58,7 @@ impl GraphNames {
         GraphNames {
             instances: graph.instances.iter().map(|it| it.path.clone()).collect(),
             edges: graph.edges.iter().map(|it| it.name.clone()).collect(),
+            outputs: graph.instances.iter().map(|it| outputs(&it.node_type.ports)).collect(),
         }
     }
 }

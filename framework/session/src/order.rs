@@ -310,7 +310,10 @@ mod tests {
         assert_eq!(again, bytes);
         let Event::Finished { report, error, .. } = &back[7].event else { panic!() };
         assert_eq!((report.figures["error_mm"], report.figures["nothing"].is_nan()), (0.1, true));
-        assert_eq!((report.remarks.as_slice(), error.as_ref().unwrap().blame), (&["a note".to_owned()][..], Blame::Program));
+        assert_eq!(
+            (report.remarks.as_slice(), error.as_ref().unwrap().blame),
+            (&["a note".to_owned()][..], Blame::Program)
+        );
     }
 
     proptest! {

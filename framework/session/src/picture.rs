@@ -47,12 +47,8 @@ impl Pictures {
         if n_bytes != image.pixels.len() as u64 {
             return Err(format!("a picture of {} x {} px has {} bytes", image.width, image.height, image.pixels.len()));
         }
-        let packed = JpegEncoder::new_with_quality(&mut jpeg, quality).encode(
-            &image.pixels,
-            image.width,
-            image.height,
-            colours,
-        );
+        let packed =
+            JpegEncoder::new_with_quality(&mut jpeg, quality).encode(&image.pixels, image.width, image.height, colours);
         packed.map_err(|error| error.to_string())?;
         viewer::compressed_image(stamp, &PictureHeader::from(image), &jpeg, frame, out);
         Ok(())

@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use foveate_engine::tap::{Entry, Event};
 use foveate_engine::{Feed, Source};
+use foveate_node::port::MessageType;
 use foveate_rig::graph::Graph;
+use mcap::records::Channel;
 
 use crate::names::{self, topic};
 use crate::recorder::is_picture;
@@ -59,9 +61,8 @@ impl Player {
     /// A sentence: it holds no order of delivery, or messages of another layout than this program's.
     pub fn new(session: Session, graph: Arc<Graph>, sources: &[Source]) -> Result<Player, String> {
         let order_channel = session.channel(names::ORDER).map(|it| it.id);
-        let order_channel = order_channel.ok_or_else(|| {
-            format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER)
-        })?;
+        let order_channel = order_channel
+            .ok_or_else(|| format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER))?;
         let mut needed = BTreeMap::new();
         let mut pictures = HashMap::new();
         for (index, instance) in graph.instances.iter().enumerate() {
@@ -74,23 +75,7 @@ impl Player {
                 if sources[index] == Source::Node || !feeds {
                     continue;
                 }
-                let codec = output.message.wire.codec();
-                let layout = codec.map_or_else(String::new, |it| format!("{:016x}", it.layout()));
-                let fact = |key: &str| channel.metadata.get(key).map_or("", String::as_str);
-                let here = (output.message.name, output.message.version.to_string(), layout);
-                if (fact("message"), fact("version"), fact("layout")) != (here.0, &here.1, &here.2) {
-                    return Err(format!(
-                        "`{}`: {} was recorded as `{}` version {} (layout {}), and this program has `{}` version {} (layout {})",
-                        session.path.display(),
-                        channel.topic,
-                        fact("message"),
-                        fact("version"),
-                        fact("layout"),
-                        here.0,
-                        here.1,
-                        here.2
-                    ));
-                }
+                compatible(&session, channel, &output.message)?;
                 if channel.message_encoding == Schema::ENCODING {
                     let schema = session.summary.schemas.get(&channel.schema_id);
                     pictures.insert((index, port), schema.map_or_else(String::new, |it| it.0.name.clone()));
@@ -133,7 +118,8 @@ impl Player {
     /// Fills in the message of an event, and refuses numbers that the graph does not have.
     fn complete(&mut self, entry: &mut Entry) -> Result<(), String> {
         let (n_instances, n_edges) = (self.graph.instances.len(), self.graph.edges.len());
-        let wrong = |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
+        let wrong =
+            |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
         match &mut entry.event {
             Event::Activated { instance, .. } | Event::Failed { instance, .. } | Event::Finished { instance, .. } => {
                 if *instance >= n_instances {
@@ -170,6 +156,30 @@ impl Player {
         }
         Ok(())
     }
+}
+
+/// Whether the messages of a channel are those that a port has.
+///
+/// # Errors
+/// A sentence with both sides.
+pub(crate) fn compatible(session: &Session, channel: &Channel, message: &MessageType) -> Result<(), String> {
+    let layout = message.wire.codec().map_or_else(String::new, |it| format!("{:016x}", it.layout()));
+    let fact = |key: &str| channel.metadata.get(key).map_or("", String::as_str);
+    let here = (message.name, message.version.to_string(), layout);
+    if (fact("message"), fact("version"), fact("layout")) == (here.0, &here.1, &here.2) {
+        return Ok(());
+    }
+    Err(format!(
+        "`{}`: {} was recorded as `{}` version {} (layout {}), and this program has `{}` version {} (layout {})",
+        session.path.display(),
+        channel.topic,
+        fact("message"),
+        fact("version"),
+        fact("layout"),
+        here.0,
+        here.1,
+        here.2
+    ))
 }
 
 impl Feed for Player {

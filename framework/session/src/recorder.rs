@@ -89,7 +89,8 @@ impl Recorder {
     /// # Errors
     /// A sentence: the file cannot be begun.
     pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
-        let camera = |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
+        let camera =
+            |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
         let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.of(camera(it))).collect();
         let wanted = wanted(graph, &pictures);
         let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
@@ -133,10 +134,9 @@ impl Recorder {
     /// After the run: writes what still waits, and the summary.
     pub fn finish(self) -> Recorded {
         self.is_abandoned.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap_or_else(|_| Recorded {
-            failure: Some("its thread died".to_owned()),
-            ..Recorded::default()
-        })
+        self.thread
+            .join()
+            .unwrap_or_else(|_| Recorded { failure: Some("its thread died".to_owned()), ..Recorded::default() })
     }
 }
 
@@ -401,7 +401,8 @@ impl Writing {
     fn finish(mut self, tap: &Tap) -> Result<(), String> {
         self.flush()?;
         let left_out = tap.left_out();
-        let mut facts: BTreeMap<String, String> = self.remarks.iter().enumerate().map(|(n, it)| (format!("remark_{n}"), it.clone())).collect();
+        let mut facts: BTreeMap<String, String> =
+            self.remarks.iter().enumerate().map(|(n, it)| (format!("remark_{n}"), it.clone())).collect();
         facts.insert("left_out_pictures".to_owned(), left_out.pictures.to_string());
         facts.insert("left_out_messages".to_owned(), left_out.messages.to_string());
         facts.insert("is_order_lost".to_owned(), tap.is_order_lost().to_string());

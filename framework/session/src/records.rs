@@ -59,7 +59,11 @@ impl Records {
             return Err(format!("`{shown}` is empty, expected a session (MCAP)"));
         }
         if magic != MAGIC {
-            return Err(format!("`{shown}` is no MCAP file: it begins with {:02x?}, expected {:02x?}", &magic[..n], MAGIC));
+            return Err(format!(
+                "`{shown}` is no MCAP file: it begins with {:02x?}, expected {:02x?}",
+                &magic[..n],
+                MAGIC
+            ));
         }
         Ok(Records { file, length: facts.len(), at: MAGIC.len() as u64, body: Vec::new() })
     }

@@ -120,8 +120,7 @@ impl Session {
         mut take: impl FnMut(u16, u64, &[u8]) -> Result<(), String>,
     ) -> Result<(), String> {
         let at = self.summary.chunks[chunk].chunk_start_offset;
-        let damaged =
-            |path: &Path, what: String| format!("`{}` is damaged at byte {at}: {what}", path.display());
+        let damaged = |path: &Path, what: String| format!("`{}` is damaged at byte {at}: {what}", path.display());
         if at >= self.records.length() {
             return Err(damaged(&self.path, "the summary names a place beyond the end".to_owned()));
         }

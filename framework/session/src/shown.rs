@@ -98,7 +98,8 @@ impl Shown {
             self.put(file, Kind::FrameTransforms, "/tf", now, 0, &|out| viewer::head_pose(it, &world, camera, out))
         } else if let Some(it) = payload.downcast_ref::<ScaleSpace>() {
             let place = graph.places.get(it.scale.0 as usize);
-            let Some((place, parent)) = place.and_then(|it| Some((it, graph.places.get(it.parent?.0 as usize)?))) else {
+            let Some((place, parent)) = place.and_then(|it| Some((it, graph.places.get(it.parent?.0 as usize)?)))
+            else {
                 return Ok(());
             };
             let encode = |out: &mut Vec<u8>| viewer::scale_space(it, &parent.name, &place.name, out);
@@ -112,7 +113,14 @@ impl Shown {
     ///
     /// # Errors
     /// Why it cannot be written.
-    pub fn log(&mut self, file: &mut SessionFile, now: i64, level: LogLevel, name: &str, line: &str) -> Result<(), String> {
+    pub fn log(
+        &mut self,
+        file: &mut SessionFile,
+        now: i64,
+        level: LogLevel,
+        name: &str,
+        line: &str,
+    ) -> Result<(), String> {
         self.put(file, Kind::Log, "/log", now, 0, &|out| viewer::log_line(Time(now), level, name, line, out))
     }
 

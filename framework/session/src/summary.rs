@@ -101,7 +101,8 @@ impl Summary {
         records.go_to(found.end)?;
         loop {
             let at = records.at();
-            let step = records.next(|_| true).map(|it| it.map(|(place, body)| found.enter(place.at, place.opcode, body)));
+            let step =
+                records.next(|_| true).map(|it| it.map(|(place, body)| found.enter(place.at, place.opcode, body)));
             match step {
                 Ok(Some(true)) => {
                     found.is_torn |= !found.damage.is_empty();
@@ -220,7 +221,9 @@ fn next_chunk(records: &mut Records, from: u64) -> Option<u64> {
         let block = records.bytes(at, 1 << 20)?;
         let candidates = block.windows(HEAD as usize).enumerate().filter(|(offset, it)| {
             let announced = it[1..].iter().rev().fold(0_u64, |sum, byte| (sum << 8) | u64::from(*byte));
-            it[0] == CHUNK && (40..=LONGEST_CHUNK).contains(&announced) && announced <= length - at - *offset as u64 - HEAD
+            it[0] == CHUNK
+                && (40..=LONGEST_CHUNK).contains(&announced)
+                && announced <= length - at - *offset as u64 - HEAD
         });
         for offset in candidates.map(|it| it.0).collect::<Vec<_>>() {
             let place = at + offset as u64;
@@ -299,8 +302,12 @@ impl Summary {
         group(&mut bytes, CHUNK_INDEX, &|bytes| {
             for chunk in &self.chunks {
                 record(bytes, CHUNK_INDEX, |it| {
-                    let numbers =
-                        [chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset, chunk.chunk_length];
+                    let numbers = [
+                        chunk.message_start_time,
+                        chunk.message_end_time,
+                        chunk.chunk_start_offset,
+                        chunk.chunk_length,
+                    ];
                     numbers.iter().for_each(|number| it.extend(number.to_le_bytes()));
                     map(it, chunk.message_index_offsets.iter(), |it, (channel, offset)| {
                         it.extend(channel.to_le_bytes());

@@ -62,7 +62,8 @@ fn describe(session: &Session) -> Result<String, String> {
         let left_out = if left_out == 0 { String::new() } else { left_out.to_string() };
         line(format!("{:<48} {count:>9} {rate:>9.1} {left_out:>9}  {kind}", channel.topic));
     }
-    let files: Vec<&str> = session.summary.attachments.iter().map(|it| it.name.strip_prefix(FILES).unwrap_or(&it.name)).collect();
+    let files: Vec<&str> =
+        session.summary.attachments.iter().map(|it| it.name.strip_prefix(FILES).unwrap_or(&it.name)).collect();
     line(format!("\nfiles: {}", files.join("  ")));
     Ok(text)
 }

@@ -1,10 +1,13 @@
 //! `foveate replay`: a session again, from its file alone.
 
+mod changed;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use foveate_engine::{self as engine, Options, Progress, Source};
+use foveate_engine::{self as engine, Options, Outcome, Progress, Source};
 use foveate_node::Registry;
+use foveate_node::error::NodeError;
 use foveate_rig::graph::Graph;
 use foveate_session::replay::{self, LoadError};
 use foveate_session::{Player, Session};
@@ -24,12 +27,30 @@ pub struct ReplayArgs {
     /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
+    /// Begin at this node, as `face.marks`: its messages and all that comes of them are made anew, what it gets comes from the recording
+    #[arg(long, value_name = "SCALE.NODE")]
+    from: Vec<String>,
+    /// Begin at all nodes of this scale
+    #[arg(long, value_name = "SCALE")]
+    from_scale: Vec<String>,
+    /// Change a setting, as `face.marks.window_px=21`, and begin at its node
+    #[arg(long, value_name = "SCALE.NODE.SETTING=VALUE")]
+    set: Vec<String>,
+    /// Another rig in place of the recorded one, whose sources have the same names
+    #[arg(long, value_name = "RIG", value_hint = clap::ValueHint::FilePath)]
+    rig: Option<PathBuf>,
     /// At the pace of the wall clock, for people who watch
     #[arg(long)]
     paced: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+}
+
+impl ReplayArgs {
+    fn changes_anything(&self) -> bool {
+        !self.from.is_empty() || !self.from_scale.is_empty() || !self.set.is_empty() || self.rig.is_some()
+    }
 }
 
 pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
@@ -41,6 +62,9 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
         Ok(files) => files,
         Err(sentence) => return complain(&sentence),
     };
+    if args.changes_anything() {
+        return changed::run(args, session, &files.0, registry);
+    }
     let mut graph = match replay::load(&mut session, &files.0, registry) {
         Ok(graph) => graph,
         Err(LoadError::Session(sentence)) => return complain(&sentence),
@@ -55,34 +79,46 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
     let graph = Arc::new(graph);
     let (sources, remarks) = replay::sources(&graph, &session);
     if !args.quiet {
-        say_what_is_made(&graph, &sources, &remarks);
-    }
-    let options = Options { paced: args.paced, ..Options::default() };
-    if let Err(sentence) = interrupt::stops(&options.stop) {
-        return complain(&sentence);
+        let n_made = sources.iter().filter(|it| **it == Source::Node).count();
+        say_what_is_made(&graph, n_made, &remarks);
     }
     let mut player = match Player::new(session, Arc::clone(&graph), &sources) {
         Ok(player) => player,
         Err(sentence) => return complain(&sentence),
     };
+    into_folder(args, &graph, |options, observe| {
+        engine::replay(Arc::clone(&graph), &sources, &mut player, options, observe)
+    })
+}
+
+/// Runs into a results folder, and writes and shows what comes of it.
+fn into_folder(
+    args: &ReplayArgs,
+    graph: &Graph,
+    run: impl FnOnce(&Options, &mut dyn FnMut(&Progress)) -> Result<Outcome, NodeError>,
+) -> u8 {
+    let options = Options { paced: args.paced, ..Options::default() };
+    if let Err(sentence) = interrupt::stops(&options.stop) {
+        return complain(&sentence);
+    }
     let folder = match results::make_folder(args.out.as_deref(), &graph.name) {
         Ok(folder) => folder,
         Err(sentence) => return complain(&sentence),
     };
-    if let Err(sentence) = results::write_rig(&folder, &graph) {
+    if let Err(sentence) = results::write_rig(&folder, graph) {
         return complain(&sentence);
     }
     let options = Options { out_dir: Some(folder.to_path_buf()), ..options };
-    let mut line = Line::new(&graph);
+    let mut line = Line::new(graph);
     let mut observe = |progress: &Progress| {
         if !args.quiet {
             line.show(progress);
         }
     };
-    let outcome = engine::replay(Arc::clone(&graph), &sources, &mut player, &options, &mut observe);
+    let outcome = run(&options, &mut observe);
     line.end();
     match outcome {
-        Ok(outcome) => conclude(args.quiet, &graph, &outcome, &folder),
+        Ok(outcome) => conclude(args.quiet, graph, &outcome, &folder),
         Err(error) => {
             folder.take_back(&results::BEFORE_THE_RUN);
             complain(&error.to_string())
@@ -99,12 +135,8 @@ pub(super) fn open(path: &Path, is_quiet: bool) -> Result<Session, String> {
     Ok(session)
 }
 
-fn say_what_is_made(graph: &Graph, sources: &[Source], remarks: &[String]) {
-    let n_made = sources.iter().filter(|it| **it == Source::Node).count();
-    eprintln!(
-        "{n_made} of {} nodes work again; messages of the others come from the recording",
-        graph.instances.len()
-    );
+fn say_what_is_made(graph: &Graph, n_made: usize, remarks: &[String]) {
+    eprintln!("{n_made} of {} nodes work again; messages of the others come from the recording", graph.instances.len());
     remarks.iter().for_each(|it| eprintln!("note: {it}"));
 }
 
