@@ -31,6 +31,7 @@ pub fn registry() -> Registry {
     foveate_plugin::process::register(&mut registry);
     foveate_sim::register(&mut registry);
     foveate_capture::register(&mut registry);
+    foveate_session::source::register(&mut registry);
     foveate_led::register(&mut registry);
     foveate_pan_tilt::register(&mut registry);
     foveate_blob::register(&mut registry);

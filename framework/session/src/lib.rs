@@ -11,11 +11,13 @@ pub mod order;
 pub mod picture;
 pub mod playback;
 pub mod player;
+pub mod reading;
 pub mod recorder;
 pub mod records;
 pub mod replay;
 pub mod session;
 mod shown;
+pub mod source;
 pub mod summary;
 pub mod viewer;
 

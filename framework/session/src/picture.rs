@@ -1,8 +1,10 @@
 //! Pictures in a session: as they are, packed as JPEG, or not at all; in the form that viewers read.
 
+use std::sync::Arc;
+
 use foveate_messages::{Image, PixelFormat, Stamp};
 use foveate_node::guard::guarded;
-use foveate_node::io::{Packet, Payload};
+use foveate_node::io::Packet;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 
@@ -55,17 +57,25 @@ impl Pictures {
     }
 }
 
-/// Reads what [`Pictures::encode`] wrote; `schema` is the name of the schema of its channel.
+/// Reads what [`Pictures::encode`] wrote, as a message; `schema` is the name of the schema of its channel.
 ///
 /// # Errors
 /// What is wrong with it.
 pub fn decode(schema: &str, bytes: &[u8]) -> Result<Packet, String> {
+    let (stamp, image) = read(schema, bytes)?;
+    Ok(Packet { stamp, payload: Arc::new(image) })
+}
+
+/// Reads what [`Pictures::encode`] wrote.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn read(schema: &str, bytes: &[u8]) -> Result<(Stamp, Image), String> {
     let is_raw = schema == Kind::RawImage.name();
     let read = if is_raw { viewer::read_raw_image(bytes)? } else { viewer::read_compressed_image(bytes)? };
     let content = &bytes[read.content.clone()];
     let pixels = if is_raw { content.to_vec() } else { unpack(content, &read.header)? };
-    let payload: std::sync::Arc<dyn Payload> = std::sync::Arc::new(read.header.with_pixels(pixels));
-    Ok(Packet { stamp: read.stamp, payload })
+    Ok((read.stamp, read.header.with_pixels(pixels)))
 }
 
 fn unpack(jpeg: &[u8], header: &PictureHeader) -> Result<Vec<u8>, String> {

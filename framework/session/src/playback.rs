@@ -1,88 +1,21 @@
 //! Nodes whose messages come out of a session, each at the time at which it was given out: the rest of a rig works on them with other settings.
 //!
-//! The session is read once for all of them, a chunk at a time, as far as the run has come. A node that has nothing up to there asks for another activation
-//! at that time.
+//! The session is read once for all of them: see [`reading`](crate::reading).
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use foveate_engine::tap::Event;
-use foveate_messages::Time;
 use foveate_node::error::{ConfigError, NodeError};
-use foveate_node::io::{Gap, Io, Packet};
+use foveate_node::io::Io;
 use foveate_node::node::{Due, Plan, Role};
-use foveate_node::port::{MessageType, Ports};
+use foveate_node::port::Ports;
 use foveate_node::registry::{ErasedNode, NodeType, Settings};
 use foveate_node::report::Report;
 use foveate_node::setup::Setup;
 use foveate_rig::graph::{Cost, Graph, OnError};
 
-use crate::names::{self, topic};
-use crate::player::compatible;
+use crate::names::topic;
+use crate::reading::{Item, Reading};
 use crate::session::Session;
-use crate::viewer::Schema;
-use crate::{body, order, picture};
-
-/// What one node gives out.
-enum Item {
-    Message(usize, Vec<u8>),
-    Gap(usize, Gap),
-}
-
-/// A port that is played.
-struct Played {
-    instance: usize,
-    port: usize,
-    message: MessageType,
-    /// Of pictures: the name of the schema that they are written in.
-    schema: Option<String>,
-}
-
-/// The session, as far as it was read.
-struct Reading {
-    session: Session,
-    chunk: usize,
-    /// By channel.
-    played: BTreeMap<u16, Played>,
-    order: Option<u16>,
-    /// By instance and port of the session: those of the graph.
-    here: HashMap<(usize, usize), (usize, usize)>,
-    /// By instance of the graph.
-    items: Vec<VecDeque<(Time, Item)>>,
-    /// How far it was read.
-    horizon: Time,
-    failure: Option<String>,
-}
-
-impl Reading {
-    fn read_on(&mut self) -> bool {
-        if self.chunk == self.session.summary.chunks.len() || self.failure.is_some() {
-            return false;
-        }
-        let (played, order_channel, here, items) = (&self.played, self.order, &self.here, &mut self.items);
-        let horizon = &mut self.horizon;
-        let read = self.session.messages(self.chunk, |channel, log_ns, bytes| {
-            let now = Time(i64::try_from(log_ns).unwrap_or(i64::MAX));
-            if let Some(it) = played.get(&channel) {
-                *horizon = (*horizon).max(now);
-                items[it.instance].push_back((now, Item::Message(it.port, bytes.to_vec())));
-            } else if order_channel == Some(channel) {
-                *horizon = (*horizon).max(now);
-                for entry in order::decode(bytes)? {
-                    if let Event::Gap { instance, port, gap } = entry.event
-                        && let Some(&(instance, port)) = here.get(&(instance, port))
-                    {
-                        items[instance].push_back((entry.now, Item::Gap(port, gap)));
-                    }
-                }
-            }
-            Ok(())
-        });
-        self.chunk += 1;
-        self.failure = read.err();
-        true
-    }
-}
 
 /// A node in whose place a session speaks.
 struct Playback {
@@ -93,47 +26,25 @@ struct Playback {
 impl ErasedNode for Playback {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         let mut reading = self.reading.lock().unwrap_or_else(PoisonError::into_inner);
-        let reading = &mut *reading;
-        while let Some((now, _)) = reading.items[self.index].front()
-            && *now <= io.now()
-        {
-            match reading.items[self.index].pop_front() {
-                Some((_, Item::Gap(port, gap))) => io.repeat_gap(port, gap),
-                Some((now, Item::Message(port, bytes))) => {
-                    let it = reading.played.values().find(|it| (it.instance, it.port) == (self.index, port));
-                    let Some(it) = it else { continue };
-                    io.repeat(
-                        port,
-                        decode(it, &bytes).map_err(|what| NodeError::input(format_args!("at {now}: {what}")))?,
-                    );
+        while let Some((now, item)) = reading.take(self.index, io.now()) {
+            match item {
+                Item::Gap(port, gap) => io.repeat_gap(port, gap),
+                Item::Message(channel, bytes) => {
+                    let failed = |what: String| NodeError::input(format_args!("at {now}: {what}"));
+                    let (port, packet) = reading.decode(channel, &bytes).map_err(failed)?;
+                    io.repeat(port, packet);
                 }
-                None => break,
             }
         }
-        match reading.failure.take() {
-            Some(what) => Err(NodeError::input(what)),
-            None => Ok(()),
-        }
+        reading.failure()
     }
 
     fn due(&mut self) -> Due {
-        let mut reading = self.reading.lock().unwrap_or_else(PoisonError::into_inner);
-        if reading.items[self.index].is_empty() && !reading.read_on() {
-            // Who finds that the session cannot be read on says so.
-            return if reading.failure.is_some() { Due::At(reading.horizon) } else { Due::Never };
-        }
-        Due::At(reading.items[self.index].front().map_or(reading.horizon, |it| it.0))
+        self.reading.lock().unwrap_or_else(PoisonError::into_inner).due(self.index)
     }
 
     fn finish(&mut self, _: &mut Report) -> Result<(), NodeError> {
         Ok(())
-    }
-}
-
-fn decode(played: &Played, bytes: &[u8]) -> Result<Packet, String> {
-    match &played.schema {
-        Some(schema) => picture::decode(schema, bytes),
-        None => body::decode(&played.message, bytes),
     }
 }
 
@@ -179,43 +90,30 @@ impl Settings for InPlace {
     }
 }
 
-/// `graph` with the session in place of the nodes that are not `made`; sentences about what those that are will not get.
+/// `graph` with the session in place of the nodes that are not `made`.
 ///
 /// # Errors
 /// A sentence: a message that is needed has another layout than this program's.
 pub fn in_place(mut graph: Graph, made: &[bool], mut session: Session) -> Result<Graph, String> {
     let recorded = session.graph()?;
-    let mut played = BTreeMap::new();
-    let mut here = HashMap::new();
-    for (index, instance) in graph.instances.iter().enumerate().filter(|it| !made[it.0]) {
+    let mut reading = Reading::new(session);
+    for (index, instance) in graph.instances.iter().enumerate() {
+        let line = reading.line();
+        debug_assert_eq!(line, index, "a line for each node, so that they have the same numbers");
         let then = recorded.instances.iter().position(|it| *it == instance.path);
         for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
-            if !graph.edges.iter().any(|it| it.from == (index, port) && made[it.to.0]) {
+            let is_needed = graph.edges.iter().any(|it| it.from == (index, port) && made[it.to.0]);
+            if made[index] || !is_needed {
                 continue;
             }
-            if let Some(then) = then
-                && let Some(its) = recorded.outputs.get(then).and_then(|it| it.iter().position(|it| it == output.name))
-            {
-                here.insert((then, its), (index, port));
-            }
-            let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
-            compatible(&session, channel, &output.message)?;
-            let is_picture = channel.message_encoding == Schema::ENCODING;
-            let schema = session.summary.schemas.get(&channel.schema_id).filter(|_| is_picture);
-            let schema = schema.map(|it| it.0.name.clone());
-            played.insert(channel.id, Played { instance: index, port, message: output.message, schema });
+            let its = then.and_then(|then| {
+                let outputs = recorded.outputs.get(then)?;
+                Some((then, outputs.iter().position(|it| it == output.name)?))
+            });
+            reading.play(line, port, &topic(&instance.path, output.name), output.message, its)?;
         }
     }
-    let reading = Arc::new(Mutex::new(Reading {
-        chunk: 0,
-        order: session.channel(names::ORDER).map(|it| it.id),
-        session,
-        played,
-        here,
-        items: (0..graph.instances.len()).map(|_| VecDeque::new()).collect(),
-        horizon: Time::ZERO,
-        failure: None,
-    }));
+    let reading = Arc::new(Mutex::new(reading));
     graph.edges.retain(|it| made[it.to.0]);
     for (index, instance) in graph.instances.iter_mut().enumerate().filter(|it| !made[it.0]) {
         let speaks = graph.edges.iter().any(|it| it.from.0 == index);

@@ -24,6 +24,7 @@ mod plugins;
 mod program;
 #[cfg(unix)]
 mod running;
+mod sessions;
 #[cfg(unix)]
 mod sim_head;
 mod the_program;

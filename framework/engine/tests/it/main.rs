@@ -2,5 +2,6 @@
 
 mod engine;
 mod figures;
+mod replay;
 mod scales;
 mod soak;

@@ -1,0 +1,182 @@
+//! Sessions as a person makes them: a run recorded, killed, replayed, replayed in part, and used as a camera.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::the_program::{foveate, new_room, program};
+
+/// What a replay does not make: what the simulated world writes, and how fast the machine was.
+const NOT_AGAIN: [&str; 4] = ["session.mcap", "timing.json", "truth.csv", "truth.calibration.toml"];
+
+/// The files of a results folder.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = fs::read_dir(folder).unwrap().map(|it| it.unwrap().path());
+    let files = entries.filter(|it| it.is_file()).map(|it| {
+        let name = it.file_name().unwrap().to_str().unwrap().to_owned();
+        (name, fs::read(&it).unwrap())
+    });
+    files.filter(|it| !NOT_AGAIN.contains(&it.0.as_str())).collect()
+}
+
+fn figure(folder: &Path, name: &str) -> f64 {
+    let summary: Value = serde_json::from_slice(&fs::read(folder.join("summary.json")).unwrap()).unwrap();
+    summary[name].as_f64().unwrap()
+}
+
+#[track_caller]
+fn must(folder: &Path, arguments: &[&str]) -> String {
+    let (code, said, complaint) = foveate(folder, arguments);
+    assert_eq!(code, 0, "{arguments:?}\n{said}{complaint}");
+    said + &complaint
+}
+
+/// `foveate` refuses with exit code 2 and says all of `words`.
+#[track_caller]
+fn refuses(folder: &Path, arguments: &[&str], words: &[&str]) {
+    let (code, _, complaint) = foveate(folder, arguments);
+    assert_eq!(code, 2, "{complaint}");
+    words.iter().for_each(|it| assert!(complaint.contains(it), "`{it}` is not in:\n{complaint}"));
+}
+
+#[track_caller]
+fn same_files(name: &str, a: &Path, b: &Path) {
+    let (a, b) = (files(a), files(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{name}");
+    for (file, bytes) in &a {
+        assert!(bytes == &b[file], "{name}: `{file}` differs");
+    }
+}
+
+#[test]
+fn a_recorded_run_is_replayed_to_the_same_files_from_its_file_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    for (name, seed, more) in
+        [("simulated", "3", &[][..]), ("live", "4", &["--live"]), ("crowded", "5", &["--live", "--workers", "1"])]
+    {
+        let run = ["run", "room.toml", "--duration", "1.5", "--quiet", "--record", "--out", name, "--seed", seed];
+        must(folder.path(), &[&run[..], more].concat());
+        // Elsewhere, where neither rig nor calibration is.
+        let elsewhere = tempfile::tempdir().unwrap();
+        fs::rename(folder.path().join(name).join("session.mcap"), elsewhere.path().join("s.mcap")).unwrap();
+        must(elsewhere.path(), &["replay", "s.mcap", "--quiet", "--out", "again"]);
+        same_files(name, &folder.path().join(name), &elsewhere.path().join("again"));
+        let delivered = figure(&elsewhere.path().join("again"), "messages.delivered");
+        assert!(delivered > 200.0, "{name}: {delivered}");
+    }
+    // A run that is recorded gives what one gives that is not.
+    must(folder.path(), &["run", "room.toml", "--duration", "1.5", "--quiet", "--out", "plain", "--seed", "3"]);
+    same_files("plain", &folder.path().join("simulated"), &folder.path().join("plain"));
+}
+
+#[test]
+fn a_part_of_a_rig_is_replayed_with_other_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_room(folder.path());
+    let run = ["run", "room.toml", "--duration", "1.5", "--quiet", "--record", "s.mcap", "--out", "run"];
+    must(folder.path(), &run);
+    refuses(folder.path(), &run, &["`s.mcap` cannot be written"]);
+    let replay = |more: &[&'static str]| [&["replay", "s.mcap", "--quiet"][..], more].concat();
+    must(folder.path(), &replay(&["--from", "room.targets", "--out", "same"]));
+    must(folder.path(), &replay(&["--set", "room.leds.offset=60", "--out", "bright"]));
+    let table = |out: &str| fs::read(folder.path().join(out).join("targets.csv")).unwrap();
+    assert!(table("same") == table("run"), "the same features in the same order");
+    assert!(table("bright") != table("run"), "another threshold finds other centres");
+    let resolved = fs::read_to_string(folder.path().join("bright/rig.resolved.toml")).unwrap();
+    assert!(resolved.contains("offset = 60"), "{resolved}");
+    refuses(folder.path(), &replay(&["--from", "room.lab"]), &["`room.lab` is never made anew"]);
+    refuses(folder.path(), &replay(&["--from", "room.target"]), &["did you mean `room.targets`?"]);
+    refuses(folder.path(), &replay(&["--set", "room.leds.offsets=60"]), &["did you mean `offset`?"]);
+    refuses(folder.path(), &replay(&["--set", "room.leds"]), &["expected SCALE.NODE.SETTING=VALUE"]);
+
+    // Without pictures a replay begins behind them, and cannot begin at them.
+    let run =
+        ["run", "room.toml", "--duration", "1", "--quiet", "--record", "n.mcap", "--no-pictures", "--out", "none"];
+    must(folder.path(), &run);
+    let said = must(folder.path(), &["replay", "n.mcap", "--out", "none-again"]);
+    assert!(said.contains("room.leds[wide-1] is not made again"), "{said}");
+    same_files("no pictures", &folder.path().join("none"), &folder.path().join("none-again"));
+    let from_pixels = ["replay", "n.mcap", "--quiet", "--from", "room.leds"];
+    refuses(
+        folder.path(),
+        &from_pixels,
+        &["cannot begin at room.leds[wide-1]", "no messages of room.video[wide-1].image"],
+    );
+
+    // A session is a camera for any rig.
+    let session = "type = \"capture.session\"\neach = \"wide-*\"\npath = \"s.mcap\"\n";
+    let camera = "type = \"sim.camera\"\neach = \"wide-*\"\nin = { world = \"lab.world\" }\n";
+    assert!(rig.contains(camera));
+    let start = rig.find("[scale.room.node.pictures]").unwrap();
+    let rig = rig[..start].replace(camera, session).replace("[scale.room.node.lab]\ntype = \"sim.lab\"\n", "");
+    fs::write(folder.path().join("other.toml"), rig).unwrap();
+    must(folder.path(), &["run", "other.toml", "--quiet", "--out", "other"]);
+    let rows = |out: &str| table(out).iter().filter(|it| **it == b'\n').count();
+    assert!(rows("run") > 200 && rows("other").abs_diff(rows("run")) < 20, "{} and {}", rows("run"), rows("other"));
+    let named = "path = \"s.mcap\"\nimages = \"/room/leds/{camera}/features\"\n";
+    let wrong = fs::read_to_string(folder.path().join("other.toml")).unwrap().replace("path = \"s.mcap\"\n", named);
+    fs::write(folder.path().join("wrong.toml"), wrong).unwrap();
+    refuses(
+        folder.path(),
+        &["check", "wrong.toml"],
+        &["expected a topic of camera `wide-1`: /room/video/wide-1/image"],
+    );
+}
+
+#[test]
+fn a_recording_that_is_killed_opens_is_mended_and_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    for millis in [900, 1700] {
+        let name = format!("killed-{millis}");
+        let path = folder.path().join(format!("{name}.mcap"));
+        let arguments = ["run", "room.toml", "--live", "--duration", "1000", "--quiet", "--record"];
+        let mut child = Command::new(program())
+            .args(arguments)
+            .args([path.to_str().unwrap(), "--out", &name])
+            .current_dir(folder.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        // Until it has recorded something.
+        while fs::metadata(&path).map_or(0, |it| it.len()) < 2_000_000 {
+            assert!(begun.elapsed() < Duration::from_secs(60), "it has not begun");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let while_recording = must(folder.path(), &["info", path.to_str().unwrap()]);
+        assert!(while_recording.contains("still being recorded"), "{while_recording}");
+        std::thread::sleep(Duration::from_millis(millis));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let first = must(folder.path(), &["info", path.to_str().unwrap()]);
+        assert!(first.contains("did not end in good order") && first.contains("its summary was written"), "{first}");
+        let second = must(folder.path(), &["info", path.to_str().unwrap()]);
+        assert!(!second.contains("its summary"), "{second}");
+        let out = format!("{name}-again");
+        must(folder.path(), &["replay", path.to_str().unwrap(), "--quiet", "--out", &out]);
+        let last = figure(&folder.path().join(out), "session_s");
+        assert!(last * 1e3 > millis as f64 - 600.0, "replayed to {last} s, killed after more than {millis} ms");
+    }
+}
+
+#[test]
+fn what_is_no_session_is_refused_with_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    fs::write(folder.path().join("empty.mcap"), b"").unwrap();
+    for command in ["info", "replay"] {
+        refuses(folder.path(), &[command, "empty.mcap"], &["`empty.mcap` is empty"]);
+        refuses(folder.path(), &[command, "room.toml"], &["`room.toml` is no MCAP file"]);
+        refuses(folder.path(), &[command, "."], &["`.` is no file"]);
+        refuses(folder.path(), &[command, "nowhere.mcap"], &["`nowhere.mcap` cannot be read"]);
+    }
+    let wrong = ["run", "room.toml", "--record", "s.txt"];
+    refuses(folder.path(), &wrong, &["expected a file `….mcap`"]);
+}
