@@ -145,8 +145,16 @@ impl SessionFile {
     /// # Errors
     /// Why it cannot be written.
     pub fn flush(&mut self) -> Result<(), String> {
-        self.writer.flush().map_err(in_words)?;
+        self.flush_to_system()?;
         self.file.sync_data().map_err(|error| error.to_string())
+    }
+
+    /// Closes the chunk and gives all to the system: what came before is safe from a kill.
+    ///
+    /// # Errors
+    /// Why it cannot be written.
+    pub fn flush_to_system(&mut self) -> Result<(), String> {
+        self.writer.flush().map_err(in_words)
     }
 
     /// Writes the summary and closes the file.
