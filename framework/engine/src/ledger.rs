@@ -6,6 +6,7 @@
 use foveate_messages::{Interval, Quality, SourceId, Stamp, Time};
 
 use crate::Gate;
+use crate::budget::Ages;
 use foveate_rig::graph::Requirement;
 
 /// The quality of every message is sampled at first, then of one in so many.
@@ -57,6 +58,13 @@ impl Histogram {
         self.max = self.max.max(value);
     }
 
+    /// Counts all that another one counted.
+    pub(crate) fn absorb(&mut self, other: &Histogram) {
+        self.counts.iter_mut().zip(&other.counts).for_each(|(own, it)| *own += it);
+        self.total += other.total;
+        self.max = self.max.max(other.max);
+    }
+
     /// The value that `fraction` of the counted ones do not exceed; `None` when nothing was counted.
     pub fn percentile(&self, fraction: f64) -> Option<u64> {
         let wanted = ((self.total as f64 * fraction).ceil() as u64).clamp(1, self.total.max(1));
@@ -98,6 +106,8 @@ pub struct Ledger {
     pub(crate) quality_fault: Option<Box<str>>,
     /// Of the scale that the messages come from, and how often it had been turned when it was last looked at.
     gate: Option<Box<(Gate, u64)>>,
+    /// Ages for the budgets that end here, if any does.
+    ages: Option<Box<Ages>>,
 }
 
 impl Ledger {
@@ -111,6 +121,16 @@ impl Ledger {
         if let Some(own) = &mut self.gate {
             own.0 = gate.clone();
         }
+    }
+
+    /// Keeps ages by the node whose stamps they are from now on.
+    pub(crate) fn measure(&mut self) {
+        self.ages.get_or_insert_default();
+    }
+
+    /// Ages for the budgets that end here.
+    pub(crate) fn ages(&self) -> Option<&Ages> {
+        self.ages.as_deref()
     }
 
     /// Enters one message that is delivered at session time `now`, as soon as it arrives.
@@ -154,6 +174,9 @@ impl Ledger {
     #[inline]
     pub(crate) fn take(&mut self, stamp: Stamp, now: Time, quality: impl FnOnce() -> Result<Quality, String>) {
         self.age.record((now - stamp.time).0.max(0) as u64);
+        if let Some(ages) = &mut self.ages {
+            ages.record(stamp, now);
+        }
         self.first.get_or_insert(now);
         self.last = now;
         if self.delivered < QUALITY_STRIDE || self.delivered.is_multiple_of(QUALITY_STRIDE) {

@@ -3,6 +3,7 @@
 //! Both engines run the same fused stages: a message is carried through all nodes that it triggers before the
 //! next one is looked at. Queues stand only where a message changes threads.
 
+mod budget;
 mod busy;
 mod deterministic;
 mod dry;
@@ -28,6 +29,7 @@ use std::time::Duration;
 
 use foveate_messages::{Interval, Time};
 
+pub use budget::OF_BUDGETS;
 pub use faults::{FaultRecord, GapRecord};
 pub(crate) use gates::Gate;
 pub use gates::{SuspensionSpan, Suspensions};
@@ -107,7 +109,7 @@ pub struct Outcome {
     pub report: Report,
     /// What each edge measured, in the graph's order.
     pub ledgers: Vec<Ledger>,
-    /// Requirements that were not met.
+    /// Requirements and budgets that were not met.
     pub unmet: Vec<Unmet>,
     /// Failures of nodes.
     pub faults: Vec<FaultRecord>,
@@ -126,7 +128,7 @@ pub struct Outcome {
 /// A requirement that was not met.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unmet {
-    /// The edge.
+    /// The edge; of a budget the ports at its ends.
     pub edge: String,
     /// What was measured and what was promised.
     pub what: String,
@@ -250,6 +252,7 @@ fn conclude(
         report.declared_figure(OF_SCALES, format!("scale.suspensions.{}", it.scale), it.count as f64);
         report.declared_figure(OF_SCALES, format!("scale.suspended_s.{}", it.scale), it.time.as_s());
     }
+    let over_budget = budget::conclude(graph, &stage.slots, &stage.ends, &suspensions, &mut report);
     let ledgers: Vec<Ledger> = stage.ends.into_iter().map(|end| end.map(|it| it.ledger).unwrap_or_default()).collect();
     remark_drops(graph, &ledgers, &mut report);
     let promises = graph.edges.iter().zip(&ledgers).filter_map(|(edge, ledger)| Some((edge, edge.require?, ledger)));
@@ -257,7 +260,7 @@ fn conclude(
         let sentences = ledger.unmet(&promise).into_iter();
         sentences.map(move |what| Unmet { edge: edge.name.clone(), what, must: promise.must })
     });
-    let unmet = unmet.collect();
+    let unmet = unmet.chain(over_budget).collect();
     let (mut faults, gaps) = stage.faults.into_records();
     let is_whole = !interrupted && !options.is_cut_short;
     faults.extend(dry::causes(graph, &ledgers, &gaps, &faults, is_whole, ended));

@@ -201,7 +201,7 @@ impl Replay<'_> {
                     packet.unwrap_or_else(|| Packet { stamp, payload: Arc::new(Absent) })
                 };
                 let (waiting, n_left) = (&mut self.waiting, &mut self.n_left);
-                self.stage.leave(instance, port, &packet, |edge| {
+                self.stage.leave((instance, port), &packet, now, |edge| {
                     waiting[edge].push_back((n_left[edge], packet.clone()));
                     n_left[edge] += 1;
                 });

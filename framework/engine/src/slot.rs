@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use crossbeam::channel::{Receiver, Sender};
-use foveate_messages::Time;
+use foveate_messages::{Stamp, Time};
 
+use crate::budget::Ages;
 use crate::busy::Work;
 use crate::gates::{Gate, Gates, is_anchor};
 use crate::inbox::{DeliveryOutcome, Inbox};
@@ -41,6 +42,8 @@ pub(crate) struct Slot {
     pub(super) restart_at: Option<Time>,
     /// Whether it has neither of the two above: looked at on every hop.
     pub(super) is_plain: bool,
+    /// By output port: ages of what it gives out, where a budget ends there; `None`: none ends at any of its outputs.
+    pub(super) given: Option<Box<[Option<Ages>]>>,
 }
 
 /// A message that could not be delivered yet.
@@ -147,6 +150,29 @@ impl Slot {
             is_plain: work.is_none() && gate.is_none(),
             work,
             gate,
+            given: None,
+        }
+    }
+
+    /// Keeps the ages of what it gives out at output `port` from now on.
+    pub(crate) fn measure(&mut self, port: usize) {
+        let n_ports = self.routes.len();
+        let given = self.given.get_or_insert_with(|| vec![None; n_ports].into());
+        given[port].get_or_insert_default();
+    }
+
+    /// Ages of what it gave out at output `port`, where a budget ends there.
+    pub(crate) fn ages(&self, port: usize) -> Option<&Ages> {
+        self.given.as_ref()?[port].as_ref()
+    }
+
+    /// Enters that it gives out a message at session time `now`.
+    #[inline]
+    pub(super) fn give(&mut self, port: usize, stamp: Stamp, now: Time) {
+        if let Some(given) = &mut self.given
+            && let Some(Some(ages)) = given.get_mut(port)
+        {
+            ages.record(stamp, now);
         }
     }
 

@@ -8,9 +8,11 @@ use foveate_messages::Interval;
 use foveate_scene::calibration::Calibration;
 
 use super::anchors;
+use super::budget;
 use super::lookup::{Names, outputs};
 use super::nodes::{NodeDraft, instance_path};
 use super::order::{Arrow, cycles, schedule, way_around};
+use super::paths::{self, Path};
 use super::promise;
 use super::read::RigText;
 use super::resolved;
@@ -57,6 +59,7 @@ impl Finish<'_, '_> {
         let names = Names::new(self.text, self.scales, self.nodes, self.calibration.as_deref());
         let mut wiring = wire(&names, findings);
         anchors::check(&names, &mut wiring.used, findings);
+        let budgets = budget::look_up(&names, &self.rig.budgets, findings);
         let arrows: Vec<Arrow> =
             wiring.edges.iter().map(|it| Arrow { from: it.from.0, to: it.to.0, triggers: it.triggers }).collect();
         let triggering = arrows.iter().copied().filter(|it| it.triggers);
@@ -66,7 +69,9 @@ impl Finish<'_, '_> {
             return None;
         }
         let order = schedule(n_instances, &arrows);
-        promise::check(&names, &wiring, &order, findings);
+        let best = promise::carried(&names, &wiring, &order);
+        promise::check(&names, &wiring, &best, findings);
+        let budgets = paths::follow(&names, &wiring, &order, &best, &budgets, findings);
         if findings.any_error() {
             return None;
         }
@@ -74,7 +79,7 @@ impl Finish<'_, '_> {
         let folder = std::path::absolute(&self.rig_dir).unwrap_or_else(|_| self.rig_dir.clone());
         let head = resolved::Head { rig: self.rig, seed: self.seed, duration_s: self.duration_s, folder: &folder };
         match resolved::write(&head, &names) {
-            Ok(resolved) => self.build(&names, &wiring, &order, resolved),
+            Ok(resolved) => self.build(&names, &wiring, &order, &budgets, resolved),
             Err((node, error)) => {
                 let node = &self.nodes[node];
                 let title = format!("the settings of `{}` cannot be written as TOML", node.name());
@@ -108,7 +113,14 @@ impl Finish<'_, '_> {
         }
     }
 
-    fn build(&self, names: &Names<'_, '_>, wiring: &Wiring, order: &[usize], resolved: String) -> Option<Graph> {
+    fn build(
+        &self,
+        names: &Names<'_, '_>,
+        wiring: &Wiring,
+        order: &[usize],
+        budgets: &[Path<'_>],
+        resolved: String,
+    ) -> Option<Graph> {
         let mut place = vec![0; order.len()];
         for (index, &instance) in order.iter().enumerate() {
             place[instance] = index;
@@ -132,6 +144,7 @@ impl Finish<'_, '_> {
         }
         let mut edges: Vec<Edge> = wiring.edges.iter().map(|it| self.edge(it, wiring, &place, &instances)).collect();
         edges.sort_by_key(|it| (it.from, it.to));
+        let budgets = budgets.iter().map(|it| it.budget(&place, &edges)).collect();
         let scales = self.scales.iter().map(|it| self.scale(it)).collect();
         Some(Graph {
             name: self.rig.name.clone(),
@@ -148,6 +161,7 @@ impl Finish<'_, '_> {
             places: places(self.scales),
             instances,
             edges,
+            budgets,
             resolved,
             warnings: Diagnostics::default(),
         })

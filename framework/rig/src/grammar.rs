@@ -242,6 +242,29 @@ pub(super) mod plugins {
     pub const ALL: [&Key; 1] = [&LIBRARIES];
 }
 
+/// `[[budget]]`.
+pub(super) mod budget {
+    use super::*;
+
+    pub const FROM: Key = Key::new(
+        "from",
+        Kind::Text("an output: \"SCALE.NODE.OUTPUT\"", Some("^[^.\\[\\]]+\\.[^.\\[\\]]+(\\[.+\\])?\\.[^.\\[\\]]+$")),
+        "The output at which the path begins: SCALE.NODE.OUTPUT or SCALE.NODE[CAMERA].OUTPUT.",
+    );
+    pub const TO: Key = Key {
+        name: "to",
+        doc: "The port at which the path ends: an output, or an input such as that of an actuator; an output where both have that name.",
+        ..FROM
+    };
+    pub const AGE_MS: Key = Key::new(
+        "age_ms",
+        Kind::Number(Range::Positive, "ms"),
+        "Age of what leaves or arrives there, from the capture of what it was made of, 99th percentile, at most [ms].",
+    );
+    pub const MUST: Key = super::requirement::MUST;
+    pub const ALL: [&Key; 4] = [&FROM, &TO, &AGE_MS, &MUST];
+}
+
 /// `[scale.NAME]`.
 pub(super) mod scale {
     use super::*;

@@ -11,9 +11,11 @@
 //! | references looked up, messages, spaces and cameras compared, edges | `lookup`, `reference`, `wire`, `anchors` |
 //! | cycles, then the schedule | `order`, `finish` |
 //! | requirements against the plan | `promise` |
+//! | budgets: their ends, then their paths and the plan | `budget`, `paths` |
 //! | the rig with every default filled in | `resolved` |
 
 mod anchors;
+mod budget;
 mod expected;
 mod finish;
 mod grammar;
@@ -23,6 +25,7 @@ mod lookup;
 mod node_text;
 mod nodes;
 mod order;
+mod paths;
 mod promise;
 mod read;
 mod reference;

@@ -98,33 +98,8 @@ impl<'a, 't> Names<'a, 't> {
             }
             return None;
         };
-        let scale = match &parts.scale {
-            Some(part) => match self.scale_by_name.get(&written[part.clone()]) {
-                Some(&found) => found,
-                None => {
-                    let name = &written[part.clone()];
-                    let known = self.scales.iter().map(|it| it.name.as_str());
-                    findings
-                        .error(
-                            place_of_part(self.text, reference, part),
-                            format_args!("there is no scale `{}`", shown(&name)),
-                            "expected the name of a scale",
-                        )
-                        .help(did_you_mean(name, "scales", known));
-                    return None;
-                }
-            },
-            None => scale,
-        };
+        let (node, camera) = self.node_and_camera(reference, &parts, scale, findings)?;
         let name = &written[parts.node.clone()];
-        let Some(node) = self.node(scale, name) else {
-            self.no_such_node(reference, &parts, scale, findings);
-            return None;
-        };
-        let camera = match &parts.camera {
-            Some(part) => Some(self.camera(reference, part, node, findings)?),
-            None => None,
-        };
         let output = &written[parts.output.clone()];
         let Some(node_type) = &self.nodes[node].node_type else {
             return Some(Source { node, output: None, camera });
@@ -150,6 +125,45 @@ impl<'a, 't> Names<'a, 't> {
             return None;
         }
         Some(Source { node, output: index, camera })
+    }
+
+    /// The node that a reference names, of `scale` where it names none, and the camera whose instance is meant, where it names one; faults are reported.
+    pub fn node_and_camera(
+        &self,
+        reference: &Spanned<String>,
+        parts: &Reference,
+        scale: usize,
+        findings: &mut Findings,
+    ) -> Option<(usize, Option<CameraId>)> {
+        let written = reference.get_ref();
+        let scale = match &parts.scale {
+            Some(part) => match self.scale_by_name.get(&written[part.clone()]) {
+                Some(&found) => found,
+                None => {
+                    let name = &written[part.clone()];
+                    let known = self.scales.iter().map(|it| it.name.as_str());
+                    findings
+                        .error(
+                            place_of_part(self.text, reference, part),
+                            format_args!("there is no scale `{}`", shown(&name)),
+                            "expected the name of a scale",
+                        )
+                        .help(did_you_mean(name, "scales", known));
+                    return None;
+                }
+            },
+            None => scale,
+        };
+        let name = &written[parts.node.clone()];
+        let Some(node) = self.node(scale, name) else {
+            self.no_such_node(reference, parts, scale, findings);
+            return None;
+        };
+        let camera = match &parts.camera {
+            Some(part) => Some(self.camera(reference, part, node, findings)?),
+            None => None,
+        };
+        Some((node, camera))
     }
 
     fn no_such_node(&self, reference: &Spanned<String>, parts: &Reference, scale: usize, findings: &mut Findings) {

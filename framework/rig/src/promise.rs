@@ -9,11 +9,13 @@ use foveate_node::port::InputPolicy;
 
 /// The best that an instance can give.
 #[derive(Debug, Clone, Copy, Default)]
-struct Best {
+pub(super) struct Best {
     /// Messages a second on each output, at most; `None`: not known beforehand.
     rate_hz: Option<f64>,
     /// Age of what it gives out, at least [s].
-    age_s: f64,
+    pub age_s: f64,
+    /// The instance that gives it the youngest messages that trigger it.
+    pub youngest: Option<usize>,
 }
 
 /// What triggers one input port of an instance.
@@ -24,14 +26,14 @@ struct Port {
 }
 
 /// Reports every requirement that no run of this rig can meet.
-pub(super) fn check(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize], findings: &mut Findings) {
-    let best = carried(names, wiring, order);
+pub(super) fn check(names: &Names<'_, '_>, wiring: &Wiring, best: &[Best], findings: &mut Findings) {
     for edge in &wiring.edges {
         check_edge(names, wiring, edge, best[edge.from.0], findings);
     }
 }
 
-fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best> {
+/// By instance: the best that it can give.
+pub(super) fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best> {
     let mut incoming: Vec<Vec<usize>> = vec![Vec::new(); wiring.instances.len()];
     for (number, edge) in wiring.edges.iter().enumerate().filter(|it| it.1.triggers) {
         incoming[edge.to.0].push(number);
@@ -39,12 +41,14 @@ fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best>
     let mut best = vec![Best::default(); wiring.instances.len()];
     for &instance in order {
         let node = &names.nodes[wiring.instances[instance].0];
-        let mut least_age: Option<f64> = None;
+        let mut least_age: Option<(f64, usize)> = None;
         let mut ports: Vec<Port> = Vec::new();
         for &edge in &incoming[instance] {
             let edge = &wiring.edges[edge];
             let of = best[edge.from.0];
-            least_age = Some(least_age.map_or(of.age_s, |it| it.min(of.age_s)));
+            if least_age.is_none_or(|it| of.age_s < it.0) {
+                least_age = Some((of.age_s, edge.from.0));
+            }
             let joined = node.node_type.as_ref().is_some_and(|it| {
                 it.ports.inputs.get(edge.to.1).is_some_and(|port| matches!(port.policy, InputPolicy::Synced(_)))
             });
@@ -59,11 +63,12 @@ fn carried(names: &Names<'_, '_>, wiring: &Wiring, order: &[usize]) -> Vec<Best>
         }
         let known = wiring.sound[wiring.instances[instance].0] && !ports.is_empty();
         let triggered = if known { ports.iter().map(|it| it.rate_hz).sum::<Option<f64>>() } else { None };
+        let least_age = least_age.filter(|_| wiring.sound[wiring.instances[instance].0]);
         let is_source = node.node_type.as_ref().is_some_and(|it| it.role == Role::Source);
         best[instance] = Best {
             rate_hz: node.plan.rate_hz.or(if is_source { None } else { triggered }),
-            age_s: node.plan.latency_s.max(0.0)
-                + if wiring.sound[wiring.instances[instance].0] { least_age.unwrap_or(0.0) } else { 0.0 },
+            age_s: node.plan.latency_s.max(0.0) + least_age.map_or(0.0, |it| it.0),
+            youngest: least_age.map(|it| it.1),
         };
     }
     best
@@ -110,6 +115,6 @@ fn check_edge(names: &Names<'_, '_>, wiring: &Wiring, edge: &EdgeDraft, best: Be
 }
 
 /// For messages: three decimals.
-fn round(value: f64) -> f64 {
+pub(super) fn round(value: f64) -> f64 {
     (value * 1e3).round() * 1e-3
 }

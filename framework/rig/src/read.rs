@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::DeTable;
 
+use super::budget::{self, BudgetText};
 use super::grammar::{rig as head, scale};
 use super::libraries;
 use super::node_text::NodeText;
@@ -25,6 +26,8 @@ pub(super) struct RigText<'t> {
     pub paced: bool,
     /// `[plugins] libraries`.
     pub libraries: Vec<Spanned<String>>,
+    /// In the order of the text.
+    pub budgets: Vec<BudgetText>,
     /// In the order of the text.
     pub scales: Vec<ScaleText<'t>>,
 }
@@ -53,6 +56,9 @@ pub(super) fn read<'t>(document: DeTable<'t>, text: &str, findings: &mut Finding
     if let Some((key, value)) = top.take_entry("plugins") {
         rig.libraries = libraries::read(&key, value, text, findings);
     }
+    if let Some((key, value)) = top.take_entry("budget") {
+        rig.budgets = budget::read(&key, value, text, findings);
+    }
     if let Some((key, value)) = top.take_entry("scale") {
         let scales = findings.table(&key, value, text, "tables `[scale.NAME]`");
         for (name, value) in scales.map(|mut it| it.take_rest()).unwrap_or_default() {
@@ -79,6 +85,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
         report_speed: false,
         paced: false,
         libraries: Vec::new(),
+        budgets: Vec::new(),
         scales: Vec::new(),
     };
     let Some((key, value)) = top.take_entry("rig") else {

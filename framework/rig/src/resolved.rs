@@ -9,6 +9,7 @@ use foveate_scene::AnchorRule;
 use serde_json::Value as Json;
 use toml::Value;
 
+use super::budget::BudgetText;
 use super::grammar::connection::WHEN_FULL;
 use super::grammar::node::ON_ERROR;
 use super::grammar::{self, Key};
@@ -57,6 +58,7 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
         let _ = writeln!(text, "\n[plugins]");
         line(&mut text, grammar::plugins::LIBRARIES.name, &Value::from(libraries));
     }
+    write_budgets(&mut text, &head.rig.budgets);
     let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
     for (index, scale) in names.scales.iter().enumerate() {
@@ -87,6 +89,18 @@ fn line(text: &mut String, key: &str, value: &Value) {
 fn quoted_key(key: &str) -> String {
     let bare = !key.is_empty() && key.bytes().all(|it| it.is_ascii_alphanumeric() || it == b'_' || it == b'-');
     if bare { key.to_owned() } else { Value::from(key).to_string() }
+}
+
+fn write_budgets(text: &mut String, budgets: &[BudgetText]) {
+    use grammar::budget::{AGE_MS, FROM, MUST, TO};
+    for budget in budgets {
+        let (Some(from), Some(to), Some((age_ms, _))) = (&budget.from, &budget.to, &budget.age_ms) else { continue };
+        let _ = writeln!(text, "\n[[budget]]");
+        line(text, FROM.name, &Value::from(from.get_ref().as_str()));
+        line(text, TO.name, &Value::from(to.get_ref().as_str()));
+        line(text, AGE_MS.name, &Value::from(*age_ms));
+        line(text, MUST.name, &Value::from(budget.must));
+    }
 }
 
 fn write_scale(text: &mut String, scales: &[ScaleDraft], scale: &ScaleDraft) {

@@ -33,6 +33,7 @@ pub fn schema(registry: &Registry) -> Json {
         "properties": {
             "rig": head(),
             "plugins": plugins(),
+            "budget": budgets(),
             "scale": {
                 "description": "The scales by name. One without a parent has the world as its space.",
                 "type": "object",
@@ -70,6 +71,12 @@ fn plugins() -> Json {
     let paths = json!({ "type": "array", "items": { "type": "string" } });
     extend(&mut schema["properties"][LIBRARIES.name], paths);
     schema
+}
+
+fn budgets() -> Json {
+    use grammar::budget::{AGE_MS, ALL, FROM, TO};
+    let of = "How old information may be at the end of a path through the nodes; measured, shown, reported.";
+    json!({ "type": "array", "items": table(of, &ALL, &[&FROM, &TO, &AGE_MS]) })
 }
 
 fn scale() -> Json {

@@ -145,7 +145,7 @@ fn explained(query: &str) -> Vec<(String, String)> {
 #[test]
 fn every_declared_figure_is_listed_and_explained() {
     let registry = foveate_cli::registry();
-    let of_the_run: Vec<_> = OF_THE_RUN.iter().chain(engine::OF_SCALES).copied().collect();
+    let of_the_run: Vec<_> = OF_THE_RUN.iter().chain(engine::OF_SCALES).chain(engine::OF_BUDGETS).copied().collect();
     assert_eq!(figure::check(Box::leak(of_the_run.clone().into_boxed_slice())), Ok(()));
     let of_nodes = registry.iter().flat_map(|it| it.figures.iter().map(move |figure| (it.name, *figure)));
     let listed = figures::list(&registry);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use foveate_diagnostics::names::{likely, listed, matches};
-use foveate_engine::OF_SCALES;
+use foveate_engine::{OF_BUDGETS, OF_SCALES};
 use foveate_node::Registry;
 use foveate_node::figure::{Better, FigureSpec};
 
@@ -112,7 +112,7 @@ fn literal_length(figure: &FigureSpec, name: &str) -> usize {
 
 /// What reports figures, and which: the run first, then node types by name.
 fn groups(registry: &Registry) -> impl Iterator<Item = (&'static str, Vec<&'static FigureSpec>)> + '_ {
-    let of_the_run = OF_THE_RUN.iter().chain(OF_SCALES).collect();
+    let of_the_run = OF_THE_RUN.iter().chain(OF_SCALES).chain(OF_BUDGETS).collect();
     let of_nodes = registry.iter().filter(|it| !it.figures.is_empty()).map(|it| (it.name, it.figures.iter().collect()));
     [("every run", of_the_run)].into_iter().chain(of_nodes)
 }

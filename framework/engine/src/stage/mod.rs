@@ -15,6 +15,7 @@ use std::time::Instant;
 use foveate_messages::{SourceId, Time};
 
 use self::finisher::{FINISH_PATIENCE, Finisher, Job};
+use crate::budget;
 use crate::faults::FaultLog;
 use crate::gates::Gates;
 use crate::inbox::{DeliveryOutcome, Inbox};
@@ -141,6 +142,7 @@ impl Stage {
             }
             stage.slots[index] = Some(slot);
         }
+        budget::prepare(&graph, &mut stage.slots, &mut stage.ends);
         Ok(stage)
     }
 

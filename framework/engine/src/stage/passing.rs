@@ -171,6 +171,11 @@ impl Stage {
             self.how = Activation::Message;
         }
         end.n_given += 1;
+        if slot.given.is_some()
+            && let Some(slot) = &mut self.slots[index]
+        {
+            slot.give(*output, packet.stamp, now);
+        }
         end.ledger.deliver(packet.stamp, now, || packet.payload.quality());
         let (_, packet) = self.outbox.packets.pop()?;
         self.delivery.port = port;
@@ -185,6 +190,9 @@ impl Stage {
         }
         let mut outbox = std::mem::take(&mut self.outbox);
         let Some(slot) = &mut self.slots[index] else { return };
+        if slot.given.is_some() {
+            outbox.packets.iter().for_each(|(port, packet)| slot.give(*port, packet.stamp, now));
+        }
         let mut routes = std::mem::take(&mut slot.routes);
         for (port, gap) in outbox.gaps.drain(..) {
             self.note(now, || Event::Gap { instance: index, port, gap: gap.clone() });

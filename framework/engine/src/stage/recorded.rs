@@ -42,9 +42,16 @@ impl Stage {
         true
     }
 
-    /// The edges that leave output `port` of node `index`; a message of an anchor turns the gates of its scale.
-    pub(crate) fn leave(&mut self, index: usize, port: usize, packet: &Packet, mut along: impl FnMut(usize)) {
-        let Some(slot) = &self.slots[index] else { return };
+    /// A message leaves output `port` of node `index` at session time `now`, along some edges; one of an anchor turns the gates of its scale.
+    pub(crate) fn leave(
+        &mut self,
+        (index, port): (usize, usize),
+        packet: &Packet,
+        now: Time,
+        mut along: impl FnMut(usize),
+    ) {
+        let Some(slot) = &mut self.slots[index] else { return };
+        slot.give(port, packet.stamp, now);
         for route in slot.routes.get(port).into_iter().flatten() {
             match route {
                 Route::Gate(scale) => self.gates.hear(*scale, packet),

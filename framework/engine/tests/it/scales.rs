@@ -307,3 +307,17 @@ fn live_run_suspends_too_and_loses_no_count() {
     }
     assert_eq!(outcome.suspensions.len(), 2);
 }
+
+#[test]
+fn budget_within_a_scale_that_never_had_its_target_says_so() {
+    let away = NESTED.replace("away_ms = [[300, 600]]", "away_ms = [[0, 2000]]");
+    let budget = "[[budget]]\nfrom = \"hand.marks.targets\"\nto = \"hand.smooth.targets\"\nage_ms = 1\n";
+    for (text, expected) in
+        [(away.as_str(), vec!["nothing came that was made of it: its scale was suspended"]), (NESTED, vec![])]
+    {
+        let outcome =
+            engine::deterministic(graph(&format!("{text}{budget}")), &Options::default(), &mut |_| {}).unwrap();
+        let what: Vec<&str> = outcome.unmet.iter().map(|it| it.what.as_str()).collect();
+        assert_eq!(what, expected);
+    }
+}

@@ -1,11 +1,13 @@
 //! A rig after all checks: node instances in the order of their schedule, and the edges between them.
 
+mod budget;
 mod picture;
 
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+pub use budget::{Budget, BudgetEnd, BudgetPort};
 use foveate_messages::{CameraId, Interval, ScaleId, Time};
 use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
@@ -43,6 +45,8 @@ pub struct Graph {
     pub instances: Vec<Instance>,
     /// Edges, by producer, then by consumer.
     pub edges: Vec<Edge>,
+    /// Promised ages along paths, in the order of the rig.
+    pub budgets: Vec<Budget>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
     /// Which node writes which file of the results.
@@ -233,7 +237,7 @@ impl Graph {
     }
 
     /// The part of the rig that `wanted` nodes need: they, and what they get messages from, directly or through others, but for what
-    /// comes back to them along an edge that closes a cycle; such inputs are only sampled, and stay open.
+    /// comes back to them along an edge that closes a cycle; such inputs are only sampled, and stay open. Budgets are of the whole rig, and left out.
     pub fn upstream_of(&self, wanted: impl Fn(&Instance) -> bool) -> Graph {
         let mut kept: Vec<bool> = self.instances.iter().map(wanted).collect();
         let mut grew = true;
@@ -264,6 +268,7 @@ impl Graph {
             scales: self.scales.clone(),
             places: Arc::clone(&self.places),
             edges: edges.collect(),
+            budgets: Vec::new(),
             instances,
             resolved: self.resolved.clone(),
             claims: self.claims.clone(),

@@ -6,13 +6,18 @@ use crate::accepted::LAB;
 use crate::parts::load;
 
 /// Words that rigs are made of, right and wrong ones.
-const WORDS: [&str; 70] = [
+const WORDS: [&str; 75] = [
     "[rig]",
     "[scale.room]",
     "[scale.face]",
     "[scale.room.node.video]",
     "[scale.room.node.leds]",
     "[[scale]]",
+    "[[budget]]",
+    "from = \"room.video.image\"",
+    "to = \"room.targets.hints\"",
+    "age_ms = 30",
+    "budget",
     "[scale.a.node.b.in]",
     "name",
     "calibration",
@@ -86,6 +91,7 @@ fn check(text: &str) -> Result<(), TestCaseError> {
             let again = load(&graph.resolved).map_err(|faults| TestCaseError::fail(format!("{faults}")))?;
             prop_assert_eq!(&again.resolved, &graph.resolved);
             prop_assert_eq!(&again.edges, &graph.edges);
+            prop_assert_eq!(&again.budgets, &graph.budgets);
             for edge in &graph.edges {
                 prop_assert!(edge.from.0 < graph.instances.len() && edge.to.0 < graph.instances.len());
                 prop_assert_eq!(edge.feedback, edge.from.0 >= edge.to.0);

@@ -257,6 +257,16 @@ part!(
 
 part!(Motor, Nothing, "test.motor", Actuator, Ports::new().input(&In::<Hints>::each(0, "command")));
 
+part!(
+    SlowMotor,
+    Nothing,
+    "test.slow_motor",
+    Actuator,
+    Ports::new().input(&In::<Hints>::each(0, "command")).output(&Out::<Hints>::new(0, "report")),
+    |_, _| Ok(()),
+    |_| Plan { latency_s: 0.040, ..Plan::default() }
+);
+
 part!(Table, Nothing, "test.table", Sink, Ports::new().input(&In::<Targets>::each(0, "targets").many()));
 
 part!(
@@ -294,6 +304,7 @@ pub fn registry_without_aim() -> Registry {
     registry.add::<RegionUser>();
     registry.add::<Spaces>();
     registry.add::<Motor>();
+    registry.add::<SlowMotor>();
     registry.add::<Table>();
     registry.add::<Listener>();
     registry
