@@ -162,6 +162,7 @@ impl Finish<'_, '_> {
             instances,
             edges,
             budgets,
+            record: self.rig.record.clone(),
             resolved,
             warnings: Diagnostics::default(),
         })

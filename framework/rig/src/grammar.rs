@@ -265,6 +265,38 @@ pub(super) mod budget {
     pub const ALL: [&Key; 4] = [&FROM, &TO, &AGE_MS, &MUST];
 }
 
+/// `[record]`.
+pub(super) mod record {
+    use super::*;
+    use crate::record::{FORMS, PACKINGS};
+
+    pub const FILE: Key = Key::new(
+        "file",
+        Kind::Text("the path of a file `….mcap`", None),
+        "The session; left out: `session.mcap` in the results folder.",
+    );
+    pub const PICTURES: Key = Key::new("pictures", Kind::Word(&const { words(&FORMS) }), "How pictures are recorded.")
+        .or(|| json!("lossless"));
+    pub const JPEG_QUALITY: Key =
+        Key::new("jpeg_quality", Kind::Whole(1, 100), "Quality of pictures that are recorded as JPEG.")
+            .or(|| json!(90));
+    pub const CAMERAS: Key = Key::new(
+        "cameras",
+        Kind::Other,
+        "How the pictures of single cameras are recorded, by name or pattern; the first that matches decides.",
+    );
+    pub const COMPRESSION: Key =
+        Key::new("compression", Kind::Word(&const { words(&PACKINGS) }), "How the file is compressed.")
+            .or(|| json!("lz4"));
+    pub const MEMORY_MB: Key = Key::new(
+        "memory_mb",
+        Kind::Whole(16, 1_000_000),
+        "What may wait for the disk; beyond that a live run leaves pictures out [MB].",
+    )
+    .or(|| json!(256));
+    pub const ALL: [&Key; 6] = [&FILE, &PICTURES, &JPEG_QUALITY, &CAMERAS, &COMPRESSION, &MEMORY_MB];
+}
+
 /// `[scale.NAME]`.
 pub(super) mod scale {
     use super::*;

@@ -28,6 +28,7 @@ mod order;
 mod paths;
 mod promise;
 mod read;
+mod record;
 mod reference;
 mod resolved;
 mod scales;

@@ -7,8 +7,10 @@ use super::budget::{self, BudgetText};
 use super::grammar::{rig as head, scale};
 use super::libraries;
 use super::node_text::NodeText;
+use super::record;
 use super::targets::{self, NamedTarget};
 use super::values::{plain_name, read_point};
+use crate::graph::Record;
 use foveate_diagnostics::names::shown;
 use foveate_diagnostics::value::{Keys, Value};
 use foveate_diagnostics::{Findings, Span};
@@ -28,6 +30,8 @@ pub(super) struct RigText<'t> {
     pub libraries: Vec<Spanned<String>>,
     /// In the order of the text.
     pub budgets: Vec<BudgetText>,
+    /// `[record]`.
+    pub record: Option<Record>,
     /// In the order of the text.
     pub scales: Vec<ScaleText<'t>>,
 }
@@ -55,6 +59,9 @@ pub(super) fn read<'t>(document: DeTable<'t>, text: &str, findings: &mut Finding
     let mut rig = read_rig(&mut top, text, findings);
     if let Some((key, value)) = top.take_entry("plugins") {
         rig.libraries = libraries::read(&key, value, text, findings);
+    }
+    if let Some((key, value)) = top.take_entry("record") {
+        rig.record = record::read(&key, value, text, findings);
     }
     if let Some((key, value)) = top.take_entry("budget") {
         rig.budgets = budget::read(&key, value, text, findings);
@@ -86,6 +93,7 @@ fn read_rig<'t>(top: &mut Keys<'t>, text: &str, findings: &mut Findings) -> RigT
         paced: false,
         libraries: Vec::new(),
         budgets: Vec::new(),
+        record: None,
         scales: Vec::new(),
     };
     let Some((key, value)) = top.take_entry("rig") else {

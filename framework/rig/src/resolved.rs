@@ -17,10 +17,11 @@ use super::lookup::Names;
 use super::node_text::RequireText;
 use super::nodes::NodeDraft;
 use super::read::RigText;
+use super::record::{FORMS, PACKINGS};
 use super::reference::Reference;
 use super::scales::{Parent, ScaleDraft, anchored_to};
 use super::targets;
-use crate::graph::{Cost, Queue};
+use crate::graph::{Cost, PictureForm, Queue, Record};
 use foveate_diagnostics::names::is_plain;
 use foveate_node::Origin;
 use foveate_node::port::InputPolicy;
@@ -58,6 +59,9 @@ pub(super) fn write(head: &Head<'_>, names: &Names<'_, '_>) -> Result<String, (u
         let _ = writeln!(text, "\n[plugins]");
         line(&mut text, grammar::plugins::LIBRARIES.name, &Value::from(libraries));
     }
+    if let Some(record) = &head.rig.record {
+        write_record(&mut text, record);
+    }
     write_budgets(&mut text, &head.rig.budgets);
     let anchored = anchored_to(names.scales);
     let mut nodes = names.nodes.iter().enumerate().peekable();
@@ -89,6 +93,25 @@ fn line(text: &mut String, key: &str, value: &Value) {
 fn quoted_key(key: &str) -> String {
     let bare = !key.is_empty() && key.bytes().all(|it| it.is_ascii_alphanumeric() || it == b'_' || it == b'-');
     if bare { key.to_owned() } else { Value::from(key).to_string() }
+}
+
+fn write_record(text: &mut String, record: &Record) {
+    use grammar::record::{CAMERAS, COMPRESSION, FILE, JPEG_QUALITY, MEMORY_MB, PICTURES};
+    let form = |it: PictureForm| FORMS.iter().find(|word| word.1 == it).map_or("lossless", |word| word.0);
+    let _ = writeln!(text, "\n[record]");
+    if let Some(file) = &record.file {
+        line(text, FILE.name, &Value::from(file.as_str()));
+    }
+    line(text, PICTURES.name, &Value::from(form(record.pictures)));
+    line(text, JPEG_QUALITY.name, &Value::from(i64::from(record.jpeg_quality)));
+    let cameras = record.cameras.iter().map(|(name, it)| format!("{} = \"{}\"", quoted_key(name), form(*it)));
+    let cameras: Vec<String> = cameras.collect();
+    if !cameras.is_empty() {
+        let _ = writeln!(text, "{} = {{ {} }}", CAMERAS.name, cameras.join(", "));
+    }
+    let packing = PACKINGS.iter().find(|it| it.1 == record.compression).map_or("lz4", |it| it.0);
+    line(text, COMPRESSION.name, &Value::from(packing));
+    line(text, MEMORY_MB.name, &Value::from(i64::from(record.memory_mb)));
 }
 
 fn write_budgets(text: &mut String, budgets: &[BudgetText]) {

@@ -33,6 +33,7 @@ pub fn schema(registry: &Registry) -> Json {
         "properties": {
             "rig": head(),
             "plugins": plugins(),
+            "record": record(),
             "budget": budgets(),
             "scale": {
                 "description": "The scales by name. One without a parent has the world as its space.",
@@ -70,6 +71,15 @@ fn plugins() -> Json {
     let mut schema = table("Node types that are not part of the program.", &ALL, &[]);
     let paths = json!({ "type": "array", "items": { "type": "string" } });
     extend(&mut schema["properties"][LIBRARIES.name], paths);
+    schema
+}
+
+fn record() -> Json {
+    use grammar::record::{ALL, CAMERAS};
+    let mut schema = table("The run is recorded into a session.", &ALL, &[]);
+    let forms = grammar::record::PICTURES.schema()["enum"].clone();
+    let of_cameras = json!({ "type": "object", "additionalProperties": { "enum": forms } });
+    extend(&mut schema["properties"][CAMERAS.name], of_cameras);
     schema
 }
 

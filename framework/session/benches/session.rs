@@ -15,7 +15,7 @@ use foveate_node::{ConfigError, Due, Host, Io, Node, NodeError, Pool, Ports, Reg
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Overrides};
 use foveate_session::file::SessionFile;
-use foveate_session::{Packing, Pictures, Recorder, Recording, Session, recorder};
+use foveate_session::{Packing, Pictures, Recorder, Recording, Session};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -195,8 +195,9 @@ fn graph(folder: &Path, seconds: f64) -> Arc<Graph> {
     let node = |name: &str, kind: &str, rest: &str| {
         format!("[scale.room.node.{name}]\ntype = \"bench.{kind}\"\neach = \"*\"\n{rest}\n")
     };
-    let text = format!("[rig]\nname = \"bench\"\ncalibration = \"bench.calibration.toml\"\nduration_s = {seconds}\n[scale.room]\n")
-        + &node("video", "lamp", "rate_hz = 18")
+    let text = format!(
+        "[rig]\nname = \"bench\"\ncalibration = \"bench.calibration.toml\"\nduration_s = {seconds}\n[scale.room]\n"
+    ) + &node("video", "lamp", "rate_hz = 18")
         + &node("look", "look", "in = { image = \"video.image\" }");
     match rig::load(&text, &folder.join("bench.toml"), &registry, &Overrides::default()) {
         Ok(graph) => Arc::new(graph),
@@ -232,7 +233,7 @@ fn live(folder: &Path) {
                 packing,
                 pictures,
                 of_cameras: Vec::new(),
-                memory: recorder::MEMORY,
+                memory: 256 << 20,
                 waits: false,
                 mode: "live",
                 began_unix_ns: 0,

@@ -27,12 +27,6 @@ pub enum Packing {
     Zstd,
 }
 
-impl Packing {
-    /// All of them, by their names in rigs.
-    pub const CHOICES: [(&'static str, Packing); 3] =
-        [("none", Packing::None), ("lz4", Packing::Lz4), ("zstd", Packing::Zstd)];
-}
-
 /// A channel of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Channel(u16);

@@ -12,7 +12,7 @@ use foveate_engine::tap::{Entry, Event, LeftOut, Tap, Wanted};
 use foveate_messages::Image;
 use foveate_node::guard::guarded;
 use foveate_node::{Host, Role};
-use foveate_rig::graph::{Graph, Instance};
+use foveate_rig::graph::{Graph, Instance, PictureForm, Record, SessionPacking};
 use foveate_scene::selection::matches;
 use serde_json::json;
 
@@ -28,8 +28,6 @@ use crate::{body, order};
 const FLUSH_PERIOD: Duration = Duration::from_millis(250);
 /// Pause before the tap is looked at again when it gave nothing.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Bytes that may wait for the disk where nobody says how many: two seconds of 18 wide cameras.
-pub const MEMORY: usize = 256 << 20;
 /// Names of messages that are pictures, which are left out first.
 const PICTURES: [&str; 3] = ["image", "pattern_pictures", "silhouette"];
 
@@ -63,8 +61,31 @@ pub struct Recorder {
 }
 
 impl Recording {
+    /// As a rig says, of a simulated run that may go ahead.
+    pub fn of(rig: &Record, path: PathBuf) -> Recording {
+        let form = |it: PictureForm| match it {
+            PictureForm::Lossless => Pictures::Lossless,
+            PictureForm::Jpeg => Pictures::Jpeg(rig.jpeg_quality),
+            PictureForm::None => Pictures::None,
+        };
+        Recording {
+            path,
+            packing: match rig.compression {
+                SessionPacking::None => Packing::None,
+                SessionPacking::Lz4 => Packing::Lz4,
+                SessionPacking::Zstd => Packing::Zstd,
+            },
+            pictures: form(rig.pictures),
+            of_cameras: rig.cameras.iter().map(|(name, it)| (name.clone(), form(*it))).collect(),
+            memory: rig.memory_mb as usize * 1_000_000,
+            waits: false,
+            mode: "simulated",
+            began_unix_ns: 0,
+        }
+    }
+
     /// How the pictures of a camera are recorded.
-    fn of(&self, camera: Option<&str>) -> Pictures {
+    fn form(&self, camera: Option<&str>) -> Pictures {
         let of_camera = |name| self.of_cameras.iter().find(|it| matches(&it.0, name)).map(|it| it.1);
         camera.and_then(of_camera).unwrap_or(self.pictures)
     }
@@ -91,7 +112,7 @@ impl Recorder {
     pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
         let camera =
             |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
-        let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.of(camera(it))).collect();
+        let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.form(camera(it))).collect();
         let wanted = wanted(graph, &pictures);
         let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
         let attached = attach::gather(graph)?;

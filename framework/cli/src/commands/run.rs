@@ -8,11 +8,11 @@ use std::time::{Duration, SystemTime};
 
 use foveate_engine::tap::LeftOut;
 use foveate_engine::{self as engine, Options, Outcome, Progress};
+use foveate_node::setup::expand_path;
 use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
-use foveate_session::recorder::MEMORY;
-use foveate_session::{Packing, Pictures, Recorder, Recording};
+use foveate_session::{Pictures, Recorder, Recording};
 use foveate_web::Server;
 
 use super::info::size;
@@ -134,24 +134,27 @@ fn recorder(
     is_live: bool,
     is_paced: bool,
 ) -> Result<Option<Recorder>, String> {
-    let Some(path) = &args.record else { return Ok(None) };
-    let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    let recording = Recording {
-        path: path.clone().unwrap_or_else(|| folder.join("session.mcap")),
-        packing: Packing::default(),
-        pictures: if args.no_pictures { Pictures::None } else { Pictures::Lossless },
-        of_cameras: Vec::new(),
-        memory: MEMORY,
-        waits: !is_live,
-        mode: if is_live {
-            "live"
-        } else if is_paced {
-            "paced"
-        } else {
-            "simulated"
-        },
-        began_unix_ns: if is_live { since_1970.map_or(0, |it| it.as_nanos()) } else { 0 },
+    if args.record.is_none() && graph.record.is_none() {
+        return Ok(None);
+    }
+    let rig = graph.record.clone().unwrap_or_default();
+    let named = match (args.record.as_ref().and_then(Option::as_ref), &rig.file) {
+        (Some(path), _) => Some(path.clone()),
+        (None, Some(text)) => Some(expand_path(text, &graph.rig_dir)?),
+        (None, None) => None,
     };
+    let mut recording = Recording::of(&rig, named.unwrap_or_else(|| folder.join("session.mcap")));
+    if args.no_pictures {
+        recording.pictures = Pictures::None;
+        recording.of_cameras.clear();
+    }
+    recording.waits = !is_live;
+    if is_live {
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        (recording.mode, recording.began_unix_ns) = ("live", since_1970.map_or(0, |it| it.as_nanos()));
+    } else if is_paced {
+        recording.mode = "paced";
+    }
     Recorder::begin(graph, &recording, graph.host.clone()).map(Some)
 }
 

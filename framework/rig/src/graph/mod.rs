@@ -2,6 +2,7 @@
 
 mod budget;
 mod picture;
+mod record;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use foveate_messages::{CameraId, Interval, ScaleId, Time};
 use foveate_scene::AnchorRule;
 use foveate_scene::calibration::Calibration;
 
+pub use self::record::{PictureForm, Record, SessionPacking};
 use foveate_diagnostics::Diagnostics;
 use foveate_node::Host;
 use foveate_node::Origin;
@@ -47,6 +49,8 @@ pub struct Graph {
     pub edges: Vec<Edge>,
     /// Promised ages along paths, in the order of the rig.
     pub budgets: Vec<Budget>,
+    /// How a run is recorded, where the rig asks for it.
+    pub record: Option<Record>,
     /// The rig with all defaults filled in: TOML that can be run again.
     pub resolved: String,
     /// Which node writes which file of the results.
@@ -270,6 +274,7 @@ impl Graph {
             edges: edges.collect(),
             budgets: Vec::new(),
             instances,
+            record: self.record.clone(),
             resolved: self.resolved.clone(),
             claims: self.claims.clone(),
             pages: self.pages.clone(),

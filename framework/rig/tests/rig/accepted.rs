@@ -2,7 +2,7 @@
 
 use foveate_node::Interval;
 use foveate_node::port::InputPolicy;
-use foveate_rig::graph::{Cost, Graph, OnError, WhenFull};
+use foveate_rig::graph::{Cost, Graph, OnError, PictureForm, Record, SessionPacking, WhenFull};
 
 use crate::parts::good;
 
@@ -81,6 +81,27 @@ fn resolved_rig_has_the_defaults_and_is_its_own_resolution() {
     assert_eq!(format!("{again:?}"), format!("{graph:?}"));
     assert_eq!(again.edges, graph.edges);
     assert_eq!(again.scales, graph.scales);
+}
+
+#[test]
+fn a_recording_has_its_defaults_and_is_its_own_resolution() {
+    assert_eq!(good(LAB).record, None);
+    assert_eq!(good(&format!("{LAB}\n[record]\n")).record, Some(Record::default()));
+    let text = "[record]\nfile = \"a.mcap\"\npictures = \"jpeg\"\njpeg_quality = 80\ncompression = \"zstd\"\nmemory_mb = 64\n\
+                cameras = { \"wide-*\" = \"none\", wide-9 = \"lossless\" }\n";
+    let graph = good(&format!("{LAB}\n{text}"));
+    let cameras = [("wide-*", PictureForm::None), ("wide-9", PictureForm::Lossless)];
+    let record = Record {
+        file: Some("a.mcap".to_owned()),
+        pictures: PictureForm::Jpeg,
+        jpeg_quality: 80,
+        cameras: cameras.map(|(name, form)| (name.to_owned(), form)).into(),
+        compression: SessionPacking::Zstd,
+        memory_mb: 64,
+    };
+    assert_eq!(graph.record.as_ref(), Some(&record));
+    let again = good(&graph.resolved);
+    assert_eq!((again.record, again.resolved), (graph.record, graph.resolved));
 }
 
 #[test]

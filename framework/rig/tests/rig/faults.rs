@@ -489,6 +489,19 @@ fn reserved_keys_are_checked() {
 }
 
 #[test]
+fn each_key_of_a_recording_is_checked() {
+    let refused = |line: &str, place: &str, what: &str, words: &[&str]| {
+        whole(&format!("{LAB}\n[record]\n{line}\n"), place, what, words);
+    };
+    refused("pictures = \"jpg\"", "44:12", "\"jpg\"", &["did you mean \"jpeg\"?"]);
+    refused("jpeg_quality = 0", "44:16", "0", &["expected a whole number from 1 to 100"]);
+    refused("cameras = { \"wide-1\" = \"raw\" }", "44:24", "\"raw\"", &["\"lossless\""]);
+    refused("compression = \"gzip\"", "44:15", "\"gzip\"", &["\"zstd\""]);
+    refused("memory_mb = 1", "44:13", "1", &["expected a whole number from 16"]);
+    refused("picture = \"jpeg\"", "44:1", "picture", &["did you mean `pictures`?"]);
+}
+
+#[test]
 fn text_that_is_not_toml_is_told_with_all_its_places() {
     let faults = bad("[rig]\nname = \"a\"\n[scale.s.node.n]\ntype = \"test.camera\nrate_hz = = \nx = [1,\n");
     assert_eq!(faults.list.len(), 3, "{faults}");

@@ -1,0 +1,46 @@
+//! `[record]`: whether a run is recorded into a session, and how.
+
+use toml::Spanned;
+
+use super::grammar::record as key;
+use crate::graph::{PictureForm, Record, SessionPacking};
+use foveate_diagnostics::Findings;
+use foveate_diagnostics::value::Value;
+
+/// How pictures are recorded, by their words in rigs.
+pub(super) const FORMS: [(&str, PictureForm); 3] =
+    [("lossless", PictureForm::Lossless), ("jpeg", PictureForm::Jpeg), ("none", PictureForm::None)];
+/// How a session is compressed, by its words in rigs.
+pub(super) const PACKINGS: [(&str, SessionPacking); 3] =
+    [("none", SessionPacking::None), ("lz4", SessionPacking::Lz4), ("zstd", SessionPacking::Zstd)];
+
+/// Reads the table.
+pub(super) fn read(name: &Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> Option<Record> {
+    let mut keys = findings.table(name, value, text, "a table `[record]`")?;
+    let mut record = Record::default();
+    record.file = key::FILE.text(&mut keys, findings).map(Spanned::into_inner);
+    if let Some((form, _)) = key::PICTURES.word(&FORMS, &mut keys, findings) {
+        record.pictures = form;
+    }
+    if let Some(quality) = key::JPEG_QUALITY.whole(&mut keys, findings) {
+        record.jpeg_quality = quality as u8;
+    }
+    if let Some((name, value)) = keys.take_entry(key::CAMERAS.name) {
+        let expected = "`{ \"CAMERA\" = \"jpeg\" }`, cameras by name or pattern";
+        for (pattern, value) in
+            findings.table(&name, value, text, expected).map(|mut it| it.take_rest()).unwrap_or_default()
+        {
+            if let Some(form) = findings.choice(pattern.get_ref(), &value, &FORMS) {
+                record.cameras.push((pattern.into_inner(), form));
+            }
+        }
+    }
+    if let Some((packing, _)) = key::COMPRESSION.word(&PACKINGS, &mut keys, findings) {
+        record.compression = packing;
+    }
+    if let Some(memory) = key::MEMORY_MB.whole(&mut keys, findings) {
+        record.memory_mb = memory as u32;
+    }
+    keys.close("`[record]`", findings);
+    Some(record)
+}
