@@ -15,6 +15,7 @@ use foveate_rig::graph::{Cost, Graph, OnError};
 
 use crate::names::topic;
 use crate::reading::{Item, Reading};
+use crate::replay::Idle;
 use crate::session::Session;
 
 /// A node in whose place a session speaks.
@@ -48,21 +49,6 @@ impl ErasedNode for Playback {
     }
 }
 
-/// A node that gives nothing, since nobody who works anew needs it.
-struct Silent;
-
-impl ErasedNode for Silent {
-    fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> {
-        Ok(())
-    }
-    fn due(&mut self) -> Due {
-        Due::Never
-    }
-    fn finish(&mut self, _: &mut Report) -> Result<(), NodeError> {
-        Ok(())
-    }
-}
-
 /// Settings of a node in whose place a session speaks.
 struct InPlace {
     settings: Arc<dyn Settings>,
@@ -73,7 +59,7 @@ impl Settings for InPlace {
     fn build(&self, _: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
         Ok(match &self.playback {
             Some((index, reading)) => Box::new(Playback { index: *index, reading: Arc::clone(reading) }),
-            None => Box::new(Silent),
+            None => Box::new(Idle),
         })
     }
     fn resolved(&self) -> &dyn erased_serde::Serialize {

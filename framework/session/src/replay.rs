@@ -74,7 +74,8 @@ impl Settings for Replayed {
     }
 }
 
-struct Idle;
+/// A node that is not made: it takes all and gives nothing.
+pub(crate) struct Idle;
 
 impl ErasedNode for Idle {
     fn process(&mut self, _: &mut Io<'_>) -> Result<(), NodeError> {
