@@ -5,6 +5,7 @@
 
 pub mod attach;
 pub mod body;
+pub mod cut;
 pub mod file;
 pub mod names;
 pub mod order;

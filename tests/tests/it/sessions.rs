@@ -108,6 +108,19 @@ fn a_part_of_a_rig_is_replayed_with_other_settings() {
         &["cannot begin at room.leds[wide-1]", "no messages of room.video[wide-1].image"],
     );
 
+    // A part: the end away, one camera's pictures only; what cannot be is not made again, and the rest is as it was.
+    must(folder.path(), &["cut", "s.mcap", "part.mcap", "--end", "1", "--without", "/room/video/wide-1/image"]);
+    refuses(folder.path(), &["cut", "s.mcap", "x.mcap", "--cameras", "wide-99"], &["no camera `wide-99`", "wide-1"]);
+    refuses(folder.path(), &["cut", "s.mcap", "part.mcap"], &["`part.mcap` cannot be written"]);
+    let said = must(folder.path(), &["replay", "part.mcap", "--out", "part"]);
+    assert!(said.contains("room.leds[wide-1] is not made again") && !said.contains("room.leds[wide-2]"), "{said}");
+    let part = table("part");
+    assert!(part.len() > 1000 && table("run").starts_with(&part), "the first second is the same");
+    must(folder.path(), &["cut", "s.mcap", "late.mcap", "--start", "0.7"]);
+    refuses(folder.path(), &["replay", "late.mcap"], &["holds no order of delivery"]);
+    must(folder.path(), &["replay", "late.mcap", "--quiet", "--from", "room.leds", "--out", "late"]);
+    assert!(table("late").len() > 500, "half a second of targets");
+
     // A session is a camera for any rig.
     let session = "type = \"capture.session\"\neach = \"wide-*\"\npath = \"s.mcap\"\n";
     let camera = "type = \"sim.camera\"\neach = \"wide-*\"\nin = { world = \"lab.world\" }\n";

@@ -4,6 +4,7 @@ mod calibrate;
 mod check;
 mod compare;
 mod convert;
+mod cut;
 mod eval;
 pub mod figures;
 mod graph;
@@ -59,6 +60,8 @@ enum Command {
         #[arg(value_hint = clap::ValueHint::FilePath)]
         session: PathBuf,
     },
+    /// Write a part of a session: a time, some cameras, some kinds
+    Cut(cut::CutArgs),
     /// Make one page of a results folder, to read, send and print
     Report(report::ReportArgs),
     /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
@@ -256,6 +259,7 @@ impl Cli {
         match self.command {
             Command::Run(args) => run::run(&args, registry),
             Command::Replay(args) => replay::run(&args, registry),
+            Command::Cut(args) => cut::run(&args),
             Command::Report(args) => report::run(&args),
             Command::Info { session } => info::run(&session),
             Command::Calibrate(args) => calibrate::run(&args, registry),
