@@ -1,7 +1,7 @@
 //! The events of a session in the order in which they happened, with the messages that a replay needs.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap, VecDeque};
 use std::sync::Arc;
 
 use foveate_engine::tap::{Entry, Event};
@@ -12,6 +12,9 @@ use crate::names::{self, topic};
 use crate::session::Session;
 use crate::{body, order};
 
+/// No edge carries more messages: a million a second for nine years.
+const MOST_MESSAGES: u64 = 1 << 48;
+
 /// Reads the events of a session.
 pub struct Player {
     session: Session,
@@ -20,6 +23,10 @@ pub struct Player {
     order_channel: u16,
     /// Channels whose messages a replay needs: instance and port.
     needed: BTreeMap<u16, (usize, usize)>,
+    /// Ports of nodes that are not made whose messages go to nodes that are.
+    feeding: BTreeSet<(usize, usize)>,
+    /// By channel: messages that were read.
+    n_read: BTreeMap<u16, u64>,
     bodies: HashMap<(usize, usize), VecDeque<Vec<u8>>>,
     early: BinaryHeap<Reverse<Early>>,
     next: u64,
@@ -55,17 +62,17 @@ impl Player {
     /// A sentence: it holds no order of delivery, or messages of another layout than this program's.
     pub fn new(session: Session, graph: Arc<Graph>, sources: &[Source]) -> Result<Player, String> {
         let order_channel = session.channel(names::ORDER).map(|it| it.id);
-        let order_channel = order_channel.ok_or_else(|| {
-            format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER)
-        })?;
-        let mut needed = BTreeMap::new();
+        let order_channel = order_channel
+            .ok_or_else(|| format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER))?;
+        let (mut needed, mut feeding) = (BTreeMap::new(), BTreeSet::new());
         for (index, instance) in graph.instances.iter().enumerate() {
             for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
                 let feeds = graph.edges.iter().any(|it| it.from == (index, port) && sources[it.to.0] == Source::Node);
-                let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
                 if sources[index] == Source::Node || !feeds {
                     continue;
                 }
+                feeding.insert((index, port));
+                let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
                 let codec = output.message.wire.codec();
                 let layout = codec.map_or_else(String::new, |it| format!("{:016x}", it.layout()));
                 let fact = |key: &str| channel.metadata.get(key).map_or("", String::as_str);
@@ -92,6 +99,8 @@ impl Player {
             chunk: 0,
             order_channel,
             needed,
+            feeding,
+            n_read: BTreeMap::new(),
             bodies: HashMap::new(),
             early: BinaryHeap::new(),
             next: 0,
@@ -104,33 +113,73 @@ impl Player {
             return Ok(false);
         }
         let (order_channel, needed) = (self.order_channel, &self.needed);
-        let (bodies, early) = (&mut self.bodies, &mut self.early);
+        // All of a chunk or nothing of it.
+        let (mut bodies, mut early, mut n_read) = (Vec::new(), Vec::new(), BTreeMap::<u16, u64>::new());
         self.session.messages(self.chunk, |channel, _, bytes| {
+            *n_read.entry(channel).or_default() += 1;
             if channel == order_channel {
                 early.extend(order::decode(bytes)?.into_iter().map(|it| Reverse(Early(it))));
             } else if let Some(port) = needed.get(&channel) {
-                bodies.entry(*port).or_default().push_back(bytes.to_vec());
+                bodies.push((*port, bytes.to_vec()));
             }
             Ok(())
         })?;
+        self.early.extend(early);
+        for (port, bytes) in bodies {
+            self.bodies.entry(port).or_default().push_back(bytes);
+        }
+        for (channel, count) in n_read {
+            *self.n_read.entry(channel).or_default() += count;
+        }
         self.chunk += 1;
         Ok(true)
+    }
+
+    /// At the end of the file: that nothing is missing which should be there.
+    fn check_end(&self) -> Result<(), String> {
+        let Session { path, summary, end, is_gapless, .. } = &self.session;
+        let shown = path.display();
+        for (channel, it) in &summary.channels {
+            let count = |counts: &BTreeMap<u16, u64>| counts.get(channel).copied().unwrap_or(0);
+            let (found, expected) = (count(&self.n_read), count(&summary.counts));
+            if found != expected {
+                return Err(format!(
+                    "`{shown}` holds {found} messages of {}, expected {expected} by its summary",
+                    it.topic
+                ));
+            }
+        }
+        // After a kill some lanes may be further than others: what is behind a gap is not known to be whole. The recorder says where it lost the order itself.
+        let is_lost = end.as_ref().is_some_and(|it| it.get("is_order_lost").is_some_and(|it| it == "true"));
+        let is_cut_off = *is_gapless && end.is_none();
+        if self.early.is_empty() || is_cut_off || is_lost {
+            return Ok(());
+        }
+        Err(format!(
+            "`{shown}` lacks event {} of its order of delivery: {} later ones cannot be played",
+            self.next,
+            self.early.len()
+        ))
     }
 
     /// Fills in the message of an event, and refuses numbers that the graph does not have.
     fn complete(&mut self, entry: &mut Entry) -> Result<(), String> {
         let (n_instances, n_edges) = (self.graph.instances.len(), self.graph.edges.len());
-        let wrong = |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
+        let wrong =
+            |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
         match &mut entry.event {
             Event::Activated { instance, .. } | Event::Failed { instance, .. } | Event::Finished { instance, .. } => {
                 if *instance >= n_instances {
                     return Err(wrong("a node"));
                 }
             }
-            Event::GapEntered { edge } | Event::Delivered { edge, .. } | Event::Lost { edge, .. } => {
-                if *edge >= n_edges {
-                    return Err(wrong("an edge"));
-                }
+            Event::GapEntered { edge } | Event::Delivered { edge, .. } | Event::Lost { edge, .. }
+                if *edge >= n_edges =>
+            {
+                return Err(wrong("an edge"));
+            }
+            Event::Lost { first, count, .. } if first.checked_add(*count).is_none_or(|it| it > MOST_MESSAGES) => {
+                return Err(format!("`{}` tells of {count} lost messages after {first}", self.session.path.display()));
             }
             Event::Gap { instance, port, .. } | Event::Emitted { instance, port, .. } => {
                 let outputs = self.graph.instances.get(*instance).map(|it| it.node_type.ports.outputs.len());
@@ -138,14 +187,18 @@ impl Player {
                     return Err(wrong("an output"));
                 }
             }
+            Event::GapEntered { .. } | Event::Delivered { .. } | Event::Lost { .. } => {}
             Event::Ending | Event::Ended { .. } => {}
         }
-        if let Event::Emitted { instance, port, is_kept: true, packet, .. } = &mut entry.event
-            && self.needed.values().any(|it| *it == (*instance, *port))
+        if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event
+            && self.feeding.contains(&(*instance, *port))
         {
-            let bytes = self.bodies.get_mut(&(*instance, *port)).and_then(VecDeque::pop_front);
             let output = &self.graph.instances[*instance].node_type.ports.outputs[*port];
             let place = || format!("`{}` of {} at {}", output.name, self.graph.instances[*instance].path, entry.now);
+            if !*is_kept {
+                return Err(format!("{} was left out of the recording, and nodes need it", place()));
+            }
+            let bytes = self.bodies.get_mut(&(*instance, *port)).and_then(VecDeque::pop_front);
             let bytes = bytes.ok_or_else(|| format!("{} is not in the recording", place()))?;
             let read = body::decode(&output.message, &bytes).map_err(|what| format!("{}: {what}", place()))?;
             *packet = Some(read);
@@ -169,8 +222,7 @@ impl Feed for Player {
                 return Ok(Some(entry));
             }
             if !self.read_on()? {
-                // After a kill some lanes may be further than others: what is behind a gap is not known to be whole.
-                return Ok(None);
+                return self.check_end().map(|()| None);
             }
         }
     }
