@@ -107,3 +107,26 @@ fn a_chunk_of_another_size_than_announced_is_told() {
         }
     }
 }
+
+/// Without a checksum nothing stops a record within a chunk from announcing any length.
+#[test]
+fn a_record_within_a_chunk_asks_for_no_more_than_the_chunk_holds() {
+    let folder = folder();
+    let path = folder.path().join("small.mcap");
+    let graph = write_small(&path, Packing::Lz4, 1, true);
+    let bytes = fs::read(&path).unwrap();
+    let chunks = Session::open(&path).unwrap().summary.chunks;
+    let chunk = chunks.iter().max_by_key(|it| it.uncompressed_size).unwrap();
+    let (start, end) = (chunk.chunk_start_offset as usize, (chunk.chunk_start_offset + chunk.chunk_length) as usize);
+    LARGEST.set(0);
+    for at in start + 52..end {
+        for mask in [1, 0x10, 0xff] {
+            let mut bytes = bytes.clone();
+            bytes[start + 33..start + 37].fill(0);
+            bytes[at] ^= mask;
+            fs::write(&path, bytes).unwrap();
+            assert!(read(&path, &graph).2.is_some());
+        }
+    }
+    assert!(LARGEST.get() <= 1 << 20, "{}", LARGEST.get());
+}
