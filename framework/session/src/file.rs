@@ -9,6 +9,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
 use crate::names::PROFILE;
+use crate::records::seal;
 
 /// A chunk is closed when it holds so much [bytes].
 const CHUNK_BYTES: u64 = 4 << 20;
@@ -126,12 +127,12 @@ impl SessionFile {
         self.writer.attach(&attachment).map_err(in_words)
     }
 
-    /// Texts by name.
+    /// Texts by name, and their checksum.
     ///
     /// # Errors
     /// Why they cannot be written.
     pub fn metadata(&mut self, name: &str, texts: BTreeMap<String, String>) -> Result<(), String> {
-        self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: texts }).map_err(in_words)
+        self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: seal(texts) }).map_err(in_words)
     }
 
     /// Closes the chunk and has the system write all: what came before is safe from a kill, and from a power cut.

@@ -1,7 +1,7 @@
 //! The events of a session in the order in which they happened, with the messages that a replay needs.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap, VecDeque};
 use std::sync::Arc;
 
 use foveate_engine::tap::{Entry, Event};
@@ -16,6 +16,9 @@ use crate::session::Session;
 use crate::viewer::Schema;
 use crate::{body, order, picture};
 
+/// No edge carries more messages: a million a second for nine years.
+const MOST_MESSAGES: u64 = 1 << 48;
+
 /// Reads the events of a session.
 pub struct Player {
     session: Session,
@@ -26,6 +29,10 @@ pub struct Player {
     needed: BTreeMap<u16, (usize, usize)>,
     /// Of those, ports of pictures: the name of the schema that they are written in.
     pictures: HashMap<(usize, usize), String>,
+    /// Ports of nodes that are not made whose messages go to nodes that are.
+    feeding: BTreeSet<(usize, usize)>,
+    /// By channel: messages that were read.
+    n_read: BTreeMap<u16, u64>,
     bodies: HashMap<(usize, usize), VecDeque<Vec<u8>>>,
     early: BinaryHeap<Reverse<Early>>,
     next: u64,
@@ -63,18 +70,23 @@ impl Player {
         let order_channel = session.channel(names::ORDER).map(|it| it.id);
         let order_channel = order_channel
             .ok_or_else(|| format!("`{}` holds no order of delivery (`{}`)", session.path.display(), names::ORDER))?;
-        let mut needed = BTreeMap::new();
+        let (mut needed, mut feeding) = (BTreeMap::new(), BTreeSet::new());
         let mut pictures = HashMap::new();
         for (index, instance) in graph.instances.iter().enumerate() {
             for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
-                // Between two nodes that are not made, ledgers still want to know what the message says of its quality; pictures say nothing.
-                let is_small = !is_picture(&graph, index, port);
                 let mut along = graph.edges.iter().filter(|it| it.from == (index, port));
-                let feeds = along.any(|it| is_small || sources[it.to.0] == Source::Node);
-                let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
-                if sources[index] == Source::Node || !feeds {
+                let is_used = along.clone().next().is_some();
+                let feeds = along.any(|it| sources[it.to.0] == Source::Node);
+                if sources[index] == Source::Node || !is_used {
                     continue;
                 }
+                if feeds {
+                    feeding.insert((index, port));
+                } else if is_picture(&graph, index, port) {
+                    // Between two nodes that are not made, ledgers still want to know what a message says of its quality; pictures say nothing.
+                    continue;
+                }
+                let Some(channel) = session.channel(&topic(&instance.path, output.name)) else { continue };
                 compatible(&session, channel, &output.message)?;
                 if channel.message_encoding == Schema::ENCODING {
                     let schema = session.summary.schemas.get(&channel.schema_id);
@@ -90,6 +102,8 @@ impl Player {
             order_channel,
             needed,
             pictures,
+            feeding,
+            n_read: BTreeMap::new(),
             bodies: HashMap::new(),
             early: BinaryHeap::new(),
             next: 0,
@@ -102,17 +116,53 @@ impl Player {
             return Ok(false);
         }
         let (order_channel, needed) = (self.order_channel, &self.needed);
-        let (bodies, early) = (&mut self.bodies, &mut self.early);
+        // All of a chunk or nothing of it.
+        let (mut bodies, mut early, mut n_read) = (Vec::new(), Vec::new(), BTreeMap::<u16, u64>::new());
         self.session.messages(self.chunk, |channel, _, bytes| {
+            *n_read.entry(channel).or_default() += 1;
             if channel == order_channel {
                 early.extend(order::decode(bytes)?.into_iter().map(|it| Reverse(Early(it))));
             } else if let Some(port) = needed.get(&channel) {
-                bodies.entry(*port).or_default().push_back(bytes.to_vec());
+                bodies.push((*port, bytes.to_vec()));
             }
             Ok(())
         })?;
+        self.early.extend(early);
+        for (port, bytes) in bodies {
+            self.bodies.entry(port).or_default().push_back(bytes);
+        }
+        for (channel, count) in n_read {
+            *self.n_read.entry(channel).or_default() += count;
+        }
         self.chunk += 1;
         Ok(true)
+    }
+
+    /// At the end of the file: that nothing is missing which should be there.
+    fn check_end(&self) -> Result<(), String> {
+        let Session { path, summary, end, is_gapless, .. } = &self.session;
+        let shown = path.display();
+        for (channel, it) in &summary.channels {
+            let count = |counts: &BTreeMap<u16, u64>| counts.get(channel).copied().unwrap_or(0);
+            let (found, expected) = (count(&self.n_read), count(&summary.counts));
+            if found != expected {
+                return Err(format!(
+                    "`{shown}` holds {found} messages of {}, expected {expected} by its summary",
+                    it.topic
+                ));
+            }
+        }
+        // After a kill some lanes may be further than others: what is behind a gap is not known to be whole. The recorder says where it lost the order itself.
+        let is_lost = end.as_ref().is_some_and(|it| it.get("is_order_lost").is_some_and(|it| it == "true"));
+        let is_cut_off = *is_gapless && end.is_none();
+        if self.early.is_empty() || is_cut_off || is_lost {
+            return Ok(());
+        }
+        Err(format!(
+            "`{shown}` lacks event {} of its order of delivery: {} later ones cannot be played",
+            self.next,
+            self.early.len()
+        ))
     }
 
     /// Fills in the message of an event, and refuses numbers that the graph does not have.
@@ -126,10 +176,13 @@ impl Player {
                     return Err(wrong("a node"));
                 }
             }
-            Event::GapEntered { edge } | Event::Delivered { edge, .. } | Event::Lost { edge, .. } => {
-                if *edge >= n_edges {
-                    return Err(wrong("an edge"));
-                }
+            Event::GapEntered { edge } | Event::Delivered { edge, .. } | Event::Lost { edge, .. }
+                if *edge >= n_edges =>
+            {
+                return Err(wrong("an edge"));
+            }
+            Event::Lost { first, count, .. } if first.checked_add(*count).is_none_or(|it| it > MOST_MESSAGES) => {
+                return Err(format!("`{}` tells of {count} lost messages after {first}", self.session.path.display()));
             }
             Event::Gap { instance, port, .. } | Event::Emitted { instance, port, .. } => {
                 let outputs = self.graph.instances.get(*instance).map(|it| it.node_type.ports.outputs.len());
@@ -137,14 +190,20 @@ impl Player {
                     return Err(wrong("an output"));
                 }
             }
+            Event::GapEntered { .. } | Event::Delivered { .. } | Event::Lost { .. } => {}
             Event::Ending | Event::Ended { .. } => {}
         }
-        if let Event::Emitted { instance, port, is_kept: true, packet, .. } = &mut entry.event
-            && self.needed.values().any(|it| *it == (*instance, *port))
-        {
-            let bytes = self.bodies.get_mut(&(*instance, *port)).and_then(VecDeque::pop_front);
+        if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event {
+            let feeds = self.feeding.contains(&(*instance, *port));
+            if !feeds && !(*is_kept && self.needed.values().any(|it| *it == (*instance, *port))) {
+                return Ok(());
+            }
             let output = &self.graph.instances[*instance].node_type.ports.outputs[*port];
             let place = || format!("`{}` of {} at {}", output.name, self.graph.instances[*instance].path, entry.now);
+            if !*is_kept {
+                return Err(format!("{} was left out of the recording, and nodes need it", place()));
+            }
+            let bytes = self.bodies.get_mut(&(*instance, *port)).and_then(VecDeque::pop_front);
             let bytes = bytes.ok_or_else(|| format!("{} is not in the recording", place()))?;
             let schema = self.pictures.get(&(*instance, *port));
             let read = match schema {
@@ -197,8 +256,7 @@ impl Feed for Player {
                 return Ok(Some(entry));
             }
             if !self.read_on()? {
-                // After a kill some lanes may be further than others: what is behind a gap is not known to be whole.
-                return Ok(None);
+                return self.check_end().map(|()| None);
             }
         }
     }

@@ -5,12 +5,15 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Channel, Record};
+use mcap::records::{Channel, ChunkIndex, Record, op};
 use serde_json::Value;
 
 use crate::names::{self, GraphNames};
-use crate::records::{Records, in_chunk, parse};
-use crate::summary::Summary;
+use crate::records::{HEAD, Records, chunk_header, in_chunk};
+use crate::summary::{Gathered, NoSummary, Summary};
+
+/// Places of damage that are told one by one.
+const TOLD: usize = 5;
 
 /// A session.
 pub struct Session {
@@ -26,7 +29,17 @@ pub struct Session {
     pub left_out: BTreeMap<String, u64>,
     /// What was found to be damaged or unfinished, and what was done about it.
     pub remarks: Vec<String>,
+    /// What lies before the end of the recording is all there, as far as is known without reading it.
+    pub is_gapless: bool,
     records: Records,
+}
+
+/// What was found in a file without a usable summary.
+struct Mended {
+    summary: Summary,
+    facts: BTreeMap<String, String>,
+    remarks: Vec<String>,
+    is_torn: bool,
 }
 
 impl Session {
@@ -36,35 +49,30 @@ impl Session {
     /// A sentence: no file, no MCAP, no session of ours, or one of a version that this program does not know.
     pub fn open(path: &Path) -> Result<Session, String> {
         let mut records = Records::open(path)?;
-        let mut remarks = Vec::new();
-        let summary = match Summary::read(&mut records) {
-            Some(summary) => summary,
-            None => mend(path, &mut records, &mut remarks)?,
+        let found = match Summary::read(&mut records) {
+            Ok(summary) => {
+                let facts = facts(path, &summary, &mut records, &[])?;
+                Mended { summary, facts, remarks: Vec::new(), is_torn: false }
+            }
+            Err(_) => mend(path, &mut records)?,
         };
+        let Mended { summary, facts, remarks, is_torn } = found;
         let mut session = Session {
             path: path.to_owned(),
-            facts: BTreeMap::new(),
             end: None,
             left_out: BTreeMap::new(),
+            is_gapless: !is_torn,
+            summary,
+            facts,
             remarks,
             records,
-            summary,
         };
-        session.facts = session.summary.texts(&mut session.records, names::SESSION)?.ok_or_else(|| {
-            format!("`{}` is an MCAP file, but no session: it has no metadata `{}`", path.display(), names::SESSION)
-        })?;
-        let version = session.fact("version");
-        if version.parse::<u32>().ok().is_none_or(|it| it == 0 || it > names::VERSION) {
-            return Err(format!(
-                "`{}` is a session of version `{version}`, written by foveate {}; this program (foveate {}) reads versions to {}",
-                path.display(),
-                session.fact("program"),
-                env!("CARGO_PKG_VERSION"),
-                names::VERSION
-            ));
+        let damaged = |what: String| format!("`{}` is damaged: {what}", path.display());
+        session.end = session.summary.texts(&mut session.records, names::END).map_err(damaged)?;
+        match session.read_left_out() {
+            Ok(left_out) => session.left_out = left_out,
+            Err(what) => session.remarks.push(format!("what was left out is not known: {what}")),
         }
-        session.end = session.summary.texts(&mut session.records, names::END)?;
-        session.left_out = session.read_left_out()?;
         Ok(session)
     }
 
@@ -80,7 +88,8 @@ impl Session {
     pub fn file(&mut self, name: &str) -> Result<Vec<u8>, String> {
         let index = self.summary.attachments.iter().find(|it| it.name == name).cloned();
         let index = index.ok_or_else(|| format!("`{}` holds no `{name}`", self.path.display()))?;
-        self.summary.attachment(&mut self.records, &index)
+        let bytes = self.summary.attachment(&mut self.records, &index);
+        bytes.map_err(|what| format!("`{name}` of `{}` is damaged: {what}", self.path.display()))
     }
 
     /// A text within the session.
@@ -119,23 +128,15 @@ impl Session {
         chunk: usize,
         mut take: impl FnMut(u16, u64, &[u8]) -> Result<(), String>,
     ) -> Result<(), String> {
-        let at = self.summary.chunks[chunk].chunk_start_offset;
-        let damaged = |path: &Path, what: String| format!("`{}` is damaged at byte {at}: {what}", path.display());
-        if at >= self.records.length() {
-            return Err(damaged(&self.path, "the summary names a place beyond the end".to_owned()));
-        }
-        self.records.go_to(at)?;
-        let record = self.records.next(|_| true).map_err(|it| damaged(&self.path, it.what))?;
-        let Some((place, body)) = record else { return Err(damaged(&self.path, "no chunk is there".to_owned())) };
-        let parsed = parse(place.opcode, body).map_err(|what| damaged(&self.path, what))?;
-        let Record::Chunk { header, data } = parsed else {
-            return Err(damaged(&self.path, "another record than a chunk is there".to_owned()));
-        };
-        in_chunk(header, &data, |record| match record {
+        let index = &self.summary.chunks[chunk];
+        let damaged =
+            |what: String| format!("`{}` is damaged at byte {}: {what}", self.path.display(), index.chunk_start_offset);
+        let body = read_chunk(&mut self.records, index).map_err(damaged)?;
+        in_chunk(body, |record| match record {
             Record::Message { header, data } => take(header.channel_id, header.log_time, &data),
             _ => Ok(()),
         })
-        .map_err(|what| damaged(&self.path, what))
+        .map_err(damaged)
     }
 
     /// The last status that the recorder wrote.
@@ -166,43 +167,134 @@ impl Session {
     }
 }
 
-/// Gathers what a file without a usable summary holds, and writes the summary at its end where that loses nothing.
-fn mend(path: &Path, records: &mut Records, remarks: &mut Vec<String>) -> Result<Summary, String> {
+/// The body of the chunk that is where `index` says and as it says.
+fn read_chunk<'r>(records: &'r mut Records, index: &ChunkIndex) -> Result<&'r [u8], String> {
+    if index.chunk_start_offset >= records.length() {
+        return Err(format!("the file ends at byte {}, expected a chunk", records.length()));
+    }
+    records.go_to(index.chunk_start_offset)?;
+    let found = records.read().map_err(|damage| damage.what)?;
+    let (place, body) = found.ok_or("the file ends, expected a chunk")?;
+    if place.opcode != op::CHUNK {
+        return Err(format!("found a record of kind {:#04x}, expected a chunk", place.opcode));
+    }
+    let length = body.len() as u64 + HEAD;
+    let header = chunk_header(body)?;
+    let found =
+        (length, header.message_start_time, header.message_end_time, header.uncompressed_size, &*header.compression);
+    let it = index;
+    let expected =
+        (it.chunk_length, it.message_start_time, it.message_end_time, it.uncompressed_size, &*it.compression);
+    if found == expected {
+        Ok(body)
+    } else {
+        Err(format!(
+            "found a chunk of {found:?}, expected {expected:?} by the summary (length, first and last time, length unpacked, compression)"
+        ))
+    }
+}
+
+/// What stands in the metadata of a session that this program can read.
+fn facts(
+    path: &Path,
+    summary: &Summary,
+    records: &mut Records,
+    damage: &[(u64, String)],
+) -> Result<BTreeMap<String, String>, String> {
     let shown = path.display();
+    let damaged = |what: String| format!("`{shown}` is damaged: {what}");
+    let Some(facts) = summary.texts(records, names::SESSION).map_err(damaged)? else {
+        let first = damage.first().map_or_else(String::new, |(at, what)| format!(" (byte {at}: {what})"));
+        return Err(format!(
+            "`{shown}` is an MCAP file, but no session: it has no metadata `{}`{first}",
+            names::SESSION
+        ));
+    };
+    let fact = |name: &str| facts.get(name).map_or("", String::as_str);
+    let version = fact("version");
+    if version.parse::<u32>().ok().is_none_or(|it| it == 0 || it > names::VERSION) {
+        return Err(format!(
+            "`{shown}` is a session of version `{version}`, written by foveate {}; this program (foveate {}) reads versions to {}",
+            fact("program"),
+            env!("CARGO_PKG_VERSION"),
+            names::VERSION
+        ));
+    }
+    Ok(facts)
+}
+
+/// Gathers what a file without a usable summary holds, and writes the summary at its end where that loses nothing.
+fn mend(path: &Path, records: &mut Records) -> Result<Mended, String> {
+    let file = open_to_mend(path);
     // A recorder holds its file as long as it writes.
-    let file = OpenOptions::new().read(true).write(true).open(path);
-    let locked = file.as_ref().map_or(Ok(()), File::try_lock);
+    let locked = file.as_ref().map_or(Ok(()), |it| it.file.try_lock());
     if matches!(locked, Err(TryLockError::WouldBlock)) {
+        let recorded = "it is still being recorded: this is what it holds so far".to_owned();
         let gathered = Summary::gather(records)?;
-        remarks.push("it is still being recorded: this is what it holds so far".to_owned());
-        return Ok(gathered.summary);
+        let facts =
+            facts(path, &gathered.summary, records, &gathered.damage).map_err(|it| format!("{it}; {recorded}"))?;
+        return Ok(Mended { summary: gathered.summary, facts, remarks: vec![recorded], is_torn: gathered.is_torn });
     }
     // It may have been finished meanwhile.
-    let mut again = Records::open(path)?;
-    if let Some(summary) = Summary::read(&mut again) {
-        *records = again;
-        return Ok(summary);
+    *records = Records::open(path)?;
+    let mut remarks = Vec::new();
+    match Summary::read(records) {
+        Ok(summary) => {
+            let facts = facts(path, &summary, records, &[])?;
+            return Ok(Mended { summary, facts, remarks, is_torn: false });
+        }
+        Err(NoSummary::Unfinished) => remarks.push("its recording did not end in good order".to_owned()),
+        Err(NoSummary::Damaged(what)) => remarks.push(format!("its summary is damaged: {what}")),
     }
-    let gathered = Summary::gather(&mut again)?;
-    let rest = again.length().saturating_sub(gathered.end);
-    remarks.push("its recording did not end in good order".to_owned());
-    for (at, what) in gathered.damage.iter().take(5) {
-        remarks.push(format!("byte {at}: {what}"));
+    let gathered = Summary::gather(records)?;
+    // Nothing is written to a file that is no session, or one of a version that this program does not know.
+    let facts = facts(path, &gathered.summary, records, &gathered.damage)?;
+    remarks.extend(gathered.damage.iter().take(TOLD).map(|(at, what)| format!("byte {at}: {what}")));
+    if gathered.damage.len() > TOLD {
+        remarks.push(format!("{} more places are damaged", gathered.damage.len() - TOLD));
     }
     if gathered.is_torn {
         remarks.push("what lies behind that is read; the file is left as it is".to_owned());
     } else {
-        let written = file.and_then(|mut file| {
-            file.set_len(gathered.end)?;
-            file.seek(SeekFrom::Start(gathered.end))?;
-            gathered.summary.write(gathered.end, &mut file)?;
-            file.sync_all()
-        });
-        match written {
-            Ok(()) => remarks.push(format!("its summary was written; the last {rest} bytes were no whole record")),
-            Err(error) => remarks.push(format!("its summary could not be written to `{shown}`: {error}")),
-        }
+        remarks.push(write_summary(&gathered, file, records.length()));
+        *records = Records::open(path)?;
     }
-    *records = Records::open(path)?;
-    Ok(gathered.summary)
+    Ok(Mended { summary: gathered.summary, facts, remarks, is_torn: gathered.is_torn })
+}
+
+/// A file that may be mended: open for writing, or else why it is not.
+struct ToMend {
+    file: File,
+    refused: Option<std::io::Error>,
+}
+
+/// Opens a file for writing, or for reading alone where it cannot or must not be written.
+fn open_to_mend(path: &Path) -> std::io::Result<ToMend> {
+    // Marked so, it is left alone even by who could write it.
+    let opened = match std::fs::metadata(path)?.permissions().readonly() {
+        true => Err(std::io::ErrorKind::PermissionDenied.into()),
+        false => OpenOptions::new().read(true).write(true).open(path),
+    };
+    match opened {
+        Ok(file) => Ok(ToMend { file, refused: None }),
+        Err(error) => File::open(path).map(|file| ToMend { file, refused: Some(error) }),
+    }
+}
+
+/// Writes the summary at the end of the data, and says so.
+fn write_summary(gathered: &Gathered, file: std::io::Result<ToMend>, length: u64) -> String {
+    let written = file.and_then(|ToMend { mut file, refused }| {
+        refused.map_or(Ok(()), Err)?;
+        file.set_len(gathered.end)?;
+        file.seek(SeekFrom::Start(gathered.end))?;
+        gathered.summary.write(gathered.end, &mut file)?;
+        file.sync_all()
+    });
+    match written {
+        Ok(()) => {
+            let rest = length.saturating_sub(gathered.end);
+            format!("its summary was written; the last {rest} bytes were no whole record")
+        }
+        Err(error) => format!("its summary could not be written: {error}"),
+    }
 }
