@@ -22,6 +22,7 @@ mod nested;
 mod overload;
 mod plugins;
 mod program;
+mod python_session;
 #[cfg(unix)]
 mod running;
 mod sessions;
