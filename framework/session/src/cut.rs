@@ -100,7 +100,8 @@ pub fn cut(session: &mut Session, path: &Path, cut: &Cut) -> Result<Kept, String
             }
         })?;
     }
-    if let Some(end) = &session.end {
+    // What ends before the session does has no last words.
+    if let Some(end) = session.end.as_ref().filter(|_| cut.end_s.is_none()) {
         file.metadata(names::END, end.clone())?;
     }
     file.finish()?;

@@ -40,7 +40,11 @@ fn describe(session: &Session) -> Result<String, String> {
         session.fact("program"),
     ));
     session.remarks.iter().for_each(|it| line(format!("note: {it}")));
+    if !session.fact("cut").is_empty() {
+        line(format!("a part, {}", session.fact("cut")));
+    }
     match &session.end {
+        None if !session.fact("cut").is_empty() => {}
         None => line("it ends without the last words of its recorder".to_owned()),
         Some(end) => {
             for (_, value) in end.iter().filter(|it| it.0.starts_with("remark_")) {
