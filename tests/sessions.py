@@ -37,7 +37,7 @@ def files(folder):
 
 def busy(folder):
     """The room with detectors that cannot keep up, so that messages are dropped."""
-    rig = (ROOT / "graphs/room.toml").read_text().replace('calibration = "', f'calibration = "{ROOT}/graphs/')
+    rig = (ROOT / "graphs/room.toml").read_text().replace("[rig]", f'[rig]\nfolder = "{ROOT}/graphs"', 1)
     path = Path(folder) / "busy.toml"
     path.write_text(rig.replace('type = "led.detector"', 'type = "led.detector"\ncost_ms = 12'))
     return path

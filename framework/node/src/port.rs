@@ -181,6 +181,9 @@ impl<T> Out<T> {
     }
 }
 
+/// Makes a payload of a value, if it is of the right type.
+pub type Share = fn(Box<dyn Any + Send + Sync>) -> Option<Arc<dyn Payload>>;
+
 /// The type of a message, erased. Two are equal when they are one type of one process.
 #[derive(Debug, Clone, Copy)]
 pub struct MessageType {
@@ -195,7 +198,7 @@ pub struct MessageType {
     /// The type itself, in this process.
     pub id: TypeId,
     /// A value of the type, ready to be sent; `None` for a value of another type.
-    pub share: fn(Box<dyn Any + Send + Sync>) -> Option<Arc<dyn Payload>>,
+    pub share: Share,
 }
 
 impl PartialEq for MessageType {

@@ -17,8 +17,8 @@ pub(super) const PACKINGS: [(&str, SessionPacking); 3] =
 /// Reads the table.
 pub(super) fn read(name: &Spanned<String>, value: Value<'_>, text: &str, findings: &mut Findings) -> Option<Record> {
     let mut keys = findings.table(name, value, text, "a table `[record]`")?;
-    let mut record = Record::default();
-    record.file = key::FILE.text(&mut keys, findings).map(Spanned::into_inner);
+    let file = key::FILE.text(&mut keys, findings).map(Spanned::into_inner);
+    let mut record = Record { file, ..Record::default() };
     if let Some((form, _)) = key::PICTURES.word(&FORMS, &mut keys, findings) {
         record.pictures = form;
     }

@@ -167,7 +167,6 @@ impl SessionFile {
     }
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "for map_err")]
 fn in_words(error: McapError) -> String {
     match error {
         McapError::Io(error) => error.to_string(),

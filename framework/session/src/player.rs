@@ -195,7 +195,8 @@ impl Player {
         }
         if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event {
             let feeds = self.feeding.contains(&(*instance, *port));
-            if !feeds && !(*is_kept && self.needed.values().any(|it| *it == (*instance, *port))) {
+            let is_there = *is_kept && self.needed.values().any(|it| *it == (*instance, *port));
+            if !feeds && !is_there {
                 return Ok(());
             }
             let output = &self.graph.instances[*instance].node_type.ports.outputs[*port];

@@ -128,7 +128,8 @@ impl Reading {
 
     /// The next item of a line that is due by `now`.
     pub fn take(&mut self, line: usize, now: Time) -> Option<(Time, Item)> {
-        self.items[line].pop_front_if(|it| it.0 <= now)
+        self.items[line].front().filter(|it| it.0 <= now)?;
+        self.items[line].pop_front()
     }
 
     /// Reads a message: its port, and the message.
