@@ -1,4 +1,4 @@
-//! Follows a recording: every node gets what it got then, in that order and at that time, and works on it anew.
+//! Follows a recording: every node gets what it got then, in that order and at that time, and works on it again.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -57,7 +57,7 @@ pub enum Event {
         stamp: Stamp,
         /// Whether the message is in the recording.
         is_kept: bool,
-        /// The message; `None` where it is not kept, and from a recording where nobody asked for it.
+        /// The message; `None` where it is not kept, and from a recording where it is not needed.
         packet: Option<Packet>,
     },
     /// A node declared a message missing.

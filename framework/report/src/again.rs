@@ -26,7 +26,7 @@ pub(crate) fn write(page: &mut Page, folder: &Folder, version: &str) {
                 ));
             }
             if let Some(place) = folder.of_rig("folder").and_then(Value::as_str) {
-                page.note(&format!("Files that the rig names, such as its calibration, are looked for in `{place}`."));
+                page.note(&format!("Files that the rig names, such as its calibration, are searched in `{place}`."));
             }
         }
     }

@@ -33,7 +33,7 @@ use crate::folder::Folder;
 use crate::page::Page;
 use crate::pictures::Budget;
 
-/// Name of the page in a results folder, unless another is asked for. The page does not list a file of this name.
+/// Name of the page in a results folder, unless another is given. The page does not list a file of this name.
 pub const FILE_NAME: &str = "report.html";
 
 /// The page of a results folder; `version` is the one of the program that writes it.

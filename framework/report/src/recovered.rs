@@ -16,7 +16,7 @@ pub(crate) fn write(page: &mut Page, folder: &Folder, budget: &mut Budget) {
         Err(sentence) => page.missing(sentence),
         Ok(summary) => {
             page.note(
-                "A star stands for a camera. `foveate figures NAME` says what a figure counts. Figures of stated uncertainty are in the next section.",
+                "A star means any camera. `foveate figures NAME` says what a figure counts. Figures of stated uncertainty are in the next section.",
             );
             if !figures::write(page, "Figures", summary, &folder.context(), |it| !uncertainty::is_sigma(it)) {
                 page.missing("`summary.json` holds no figure.");

@@ -108,7 +108,7 @@ impl Reading {
         Ok(())
     }
 
-    /// When the next item of a line is due, or when it has to be looked for again.
+    /// When the next item of a line is due, or when the caller has to ask again.
     pub fn due(&mut self, line: usize) -> Due {
         loop {
             if let Some((now, _)) = self.items[line].front() {

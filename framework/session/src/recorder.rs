@@ -309,7 +309,7 @@ impl Writing {
         }
     }
 
-    /// Topics that nobody asked for.
+    /// Topics that are not recorded.
     fn left_away(&self) -> Vec<String> {
         let graph = &self.graph;
         let ports = |it: &Instance| it.node_type.ports.outputs.clone();

@@ -1,4 +1,4 @@
-//! What a replay makes anew, and what it takes from the recording.
+//! What a replay makes again, and what it takes from the recording.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use crate::attach;
 use crate::names::{self, GraphNames, topic};
 use crate::session::Session;
 
-/// Whether nodes of a type are never made in a replay: what brings data into a rig, and what holds on to something of its process. (Devices are told by their settings.)
+/// Whether nodes of a type are never made in a replay: what brings data into a rig, and what holds on to something of its process. (Settings say which nodes are devices.)
 fn is_recorded(node_type: &NodeType) -> bool {
     let ports = &node_type.ports;
     let mut messages = ports.inputs.iter().map(|it| it.message).chain(ports.outputs.iter().map(|it| it.message));
@@ -146,7 +146,7 @@ impl From<String> for LoadError {
     }
 }
 
-/// What is made anew: all that can be, from the first edges on whose messages are whole. Says which nodes go without since they are not.
+/// What is made again: all that can be, from the first edges on whose messages are whole. Says which nodes go without since they are not.
 pub fn sources(graph: &Graph, session: &Session) -> (Vec<Source>, Vec<String>) {
     let mut sources: Vec<Source> = graph
         .instances
@@ -188,10 +188,10 @@ pub struct Begin {
     pub scales: Vec<String>,
 }
 
-/// By instance: whether it works anew when a replay begins there, and all that it leads to. With an empty `begin` all that can be. Sentences about nodes that cannot.
+/// By instance: whether it works again when a replay begins there, and all that it leads to. With an empty `begin` all that can be. Sentences about nodes that cannot.
 ///
 /// # Errors
-/// A sentence: a node or scale that the rig does not have, one that is never made anew, or one that would get nothing.
+/// A sentence: a node or scale that the rig does not have, one that is never made again, or one that would get nothing.
 pub fn made(graph: &Graph, session: &Session, begin: &Begin) -> Result<(Vec<bool>, Vec<String>), String> {
     let node = |it: &Instance| it.path.split('[').next().unwrap_or_default().to_owned();
     let can: Vec<bool> = graph.instances.iter().map(|it| !is_recorded(&it.node_type) && !it.is_live()).collect();
@@ -205,7 +205,7 @@ pub fn made(graph: &Graph, session: &Session, begin: &Begin) -> Result<(Vec<bool
         }
         if !found.all(|it| *it.1) {
             return Err(format!(
-                "`{name}` is never made anew: it is a source, a device or holds one, and its messages come from the recording"
+                "`{name}` is never made again: it is a source, a device or holds one, and its messages come from the recording"
             ));
         }
     }
@@ -249,7 +249,7 @@ pub fn made(graph: &Graph, session: &Session, begin: &Begin) -> Result<(Vec<bool
         remarks.push(format!("{path} is not made again: {sentence}"));
     }
     if !made.contains(&true) {
-        return Err("nothing is left to be made anew".to_owned());
+        return Err("nothing is left to be made again".to_owned());
     }
     Ok((made, remarks))
 }

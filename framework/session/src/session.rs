@@ -12,7 +12,7 @@ use crate::names::{self, GraphNames};
 use crate::records::{HEAD, Records, chunk_header, in_chunk};
 use crate::summary::{Gathered, NoSummary, Summary};
 
-/// Places of damage that are told one by one.
+/// Places of damage that are listed one by one.
 const TOLD: usize = 5;
 
 /// A session.

@@ -30,7 +30,7 @@ use crate::viewer::{self, CameraModel, Kind, LogLevel, Schema, Transform};
 
 /// Shortest time between two messages of a topic [ns].
 const PERIOD_NS: i64 = 33_000_000;
-/// What does not move is told again after so long, so that a viewer may begin anywhere [ns].
+/// What does not move is written again after so long, so that a viewer may begin anywhere [ns].
 const STILL_NS: i64 = 1_000_000_000;
 
 type Encode<'m> = &'m dyn Fn(&mut Vec<u8>);

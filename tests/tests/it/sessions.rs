@@ -89,7 +89,7 @@ fn a_part_of_a_rig_is_replayed_with_other_settings() {
     assert!(table("bright") != table("run"), "another threshold finds other centres");
     let resolved = fs::read_to_string(folder.path().join("bright/rig.resolved.toml")).unwrap();
     assert!(resolved.contains("offset = 60"), "{resolved}");
-    refuses(folder.path(), &replay(&["--from", "room.lab"]), &["`room.lab` is never made anew"]);
+    refuses(folder.path(), &replay(&["--from", "room.lab"]), &["`room.lab` is never made again"]);
     refuses(folder.path(), &replay(&["--from", "room.target"]), &["did you mean `room.targets`?"]);
     refuses(folder.path(), &replay(&["--set", "room.leds.offsets=60"]), &["did you mean `offset`?"]);
     refuses(folder.path(), &replay(&["--set", "room.leds"]), &["expected SCALE.NODE.SETTING=VALUE"]);

@@ -1,4 +1,4 @@
-//! Stages that follow a recording: nothing runs by itself, and each step is told.
+//! Stages that follow a recording: nothing runs by itself, and each step comes from outside.
 
 use std::collections::VecDeque;
 

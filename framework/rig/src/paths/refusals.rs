@@ -76,7 +76,7 @@ impl Web<'_, '_, '_> {
         let behind = self.nodes_of(self.upstream(sources.map(|it| it.from.0)).into_iter());
         let is_report =
             matches!(draft.to.port, Port::Output(_)) && self.instances_of(draft.to).any(|it| self.is_actuator(it));
-        let more = if is_report { "; what an actuator gives out is observed anew" } else { "" };
+        let more = if is_report { "; what an actuator gives out is observed again" } else { "" };
         findings
             .error(
                 draft.to_text.span(),

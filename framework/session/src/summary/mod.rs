@@ -1,4 +1,4 @@
-//! The end of a file: the summary that says where everything is, read, or gathered anew and written.
+//! The end of a file: the summary that says where everything is, read, or gathered again and written.
 
 use std::collections::BTreeMap;
 use std::io::Write;

@@ -27,7 +27,7 @@ pub struct ReplayArgs {
     /// Folder for the results; files of the same names in it are overwritten [default: results/RIG-N, the first free N]
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
-    /// Begin at this node, as `face.marks`: its messages and all that comes of them are made anew, what it gets comes from the recording
+    /// Begin at this node, as `face.marks`: its messages and all that comes of them are made again, what it gets comes from the recording
     #[arg(long, value_name = "SCALE.NODE")]
     from: Vec<String>,
     /// Begin at all nodes of this scale
