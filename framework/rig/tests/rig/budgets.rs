@@ -165,7 +165,7 @@ fn path_does_not_go_through_an_actuator() {
     let said = [
         "`room.video.image` does not lead to `face.heads.report`",
         "`room.table`, `face.anchor`, `face.aim` and `face.heads`",
-        "what an actuator gives out is observed anew",
+        "what an actuator gives out is observed again",
     ];
     whole(&slow("face.heads.report"), "45:6", "\"face.heads.report\"", &said);
     good(&slow("face.heads.report").replace("room.video.image", "face.heads.report"));
