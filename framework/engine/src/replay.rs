@@ -145,7 +145,7 @@ pub(super) fn run(
 /// A paced replay waits until the wall clock shows `time`, unless it is to be stopped before.
 fn wait_until(time: Time, started: Instant, options: &Options) {
     while options.paced && !options.must_stop() {
-        let ahead = time.0 - started.elapsed().as_nanos() as i64;
+        let ahead = time.0.saturating_sub(started.elapsed().as_nanos() as i64);
         if ahead <= 0 {
             return;
         }

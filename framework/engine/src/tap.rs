@@ -282,6 +282,9 @@ impl Lane {
     /// A message is given out.
     pub fn emitted(&self, instance: usize, port: usize, packet: &Packet, now: Time) {
         let shared = &self.shared;
+        if shared.is_closed.load(Ordering::Relaxed) {
+            return;
+        }
         let kept = match shared.wanted[instance].get(port).copied().unwrap_or_default() {
             Wanted::No => None,
             wanted => {

@@ -65,7 +65,7 @@ fn verdict(page: &mut Page, folder: &Folder, all: Option<&[Event]>, n_lossy: usi
         let events = all.into_iter().flatten().filter(|it| it.what == what);
         // A broken promise has no count: each row is one. Those that are alike were taken together.
         let listed: f64 = events.map(|it| it.count.max(1.0 + it.others as f64)).sum();
-        // Where one of the two files is missing, the other still tells.
+        // Where one of the two files is missing, the other is enough.
         let n = listed.max(folder.figure(figure).unwrap_or(0.0));
         if n > 0.0 {
             short.push(format!("{} {}", number(n), if n == 1.0 { one } else { several }));

@@ -180,7 +180,7 @@ impl Gathering<'_> {
     }
 }
 
-/// FNV-1a: tells two folders apart that hold files of one name.
+/// FNV-1a: distinguishes two folders that hold files of one name.
 fn fnv(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }

@@ -3,14 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use foveate_engine::tap::Entry;
 use foveate_scene::selection::matches;
 use mcap::records::Channel as ChannelRecord;
 use serde_json::json;
 
 use crate::file::{Channel, Packing, SessionFile};
-use crate::names;
 use crate::session::Session;
 use crate::viewer::Kind;
+use crate::{names, order};
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -81,13 +82,29 @@ pub fn cut(session: &mut Session, path: &Path, cut: &Cut) -> Result<Kept, String
         channels.insert(id, file.channel(&channel.topic, &channel.message_encoding, schema, &channel.metadata)?);
     }
     let mut kept = Kept { has_order, ..Kept::default() };
+    let order_channel = session.channel(names::ORDER).map(|it| it.id).filter(|_| has_order);
+    // Events are written in batches: the last one that matters may begin before the end and reach beyond it.
+    let mut is_past = false;
     for chunk in 0..session.summary.chunks.len() {
         let index = &session.summary.chunks[chunk];
-        if index.message_end_time < start || index.message_start_time > end {
+        let is_beyond = index.message_start_time > end && (is_past || order_channel.is_none());
+        if index.message_end_time < start || is_beyond {
             continue;
         }
         session.messages(chunk, |channel, log_ns, bytes| {
-            match channels.get(&channel).filter(|_| (start..=end).contains(&log_ns)) {
+            let written = channels.get(&channel);
+            if order_channel == Some(channel)
+                && let Some(written) = written
+            {
+                let (mut encoder, mut batch) = (order::Encoder::default(), Vec::new());
+                let within = |it: &Entry| u64::try_from(it.now.0).unwrap_or(0) <= end;
+                order::decode(bytes)?.iter().filter(|it| within(it)).for_each(|it| encoder.add(it, &mut batch));
+                is_past = batch.is_empty();
+                kept.kept += u64::from(!is_past);
+                let time = i64::try_from(log_ns.min(end)).unwrap_or(i64::MAX);
+                return if is_past { Ok(()) } else { file.message(*written, time, time, &batch) };
+            }
+            match written.filter(|_| (start..=end).contains(&log_ns)) {
                 Some(channel) => {
                     kept.kept += 1;
                     let time = i64::try_from(log_ns).unwrap_or(i64::MAX);

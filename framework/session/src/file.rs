@@ -1,7 +1,7 @@
 //! The file that a recorder writes: chunks that are whole on the disk twice a second, and a summary at the end.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::BufWriter;
 use std::path::Path;
 
@@ -49,7 +49,9 @@ impl SessionFile {
         let failed = |error: &dyn std::fmt::Display| format!("`{}` cannot be written: {error}", path.display());
         let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|error| failed(&error))?;
         // Who opens it meanwhile finds that it is being written.
-        file.try_lock().map_err(|error| failed(&error))?;
+        if let Err(error @ TryLockError::WouldBlock) = file.try_lock() {
+            return Err(failed(&error));
+        }
         let again = file.try_clone().map_err(|error| failed(&error))?;
         let compression = match packing {
             Packing::None => None,

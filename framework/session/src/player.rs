@@ -168,8 +168,7 @@ impl Player {
     /// Fills in the message of an event, and refuses numbers that the graph does not have.
     fn complete(&mut self, entry: &mut Entry) -> Result<(), String> {
         let (n_instances, n_edges) = (self.graph.instances.len(), self.graph.edges.len());
-        let wrong =
-            |what: &str| format!("`{}` tells of {what} that its rig does not have", self.session.path.display());
+        let wrong = |what: &str| format!("`{}` names {what} that its rig does not have", self.session.path.display());
         match &mut entry.event {
             Event::Activated { instance, .. } | Event::Failed { instance, .. } | Event::Finished { instance, .. } => {
                 if *instance >= n_instances {
@@ -182,7 +181,7 @@ impl Player {
                 return Err(wrong("an edge"));
             }
             Event::Lost { first, count, .. } if first.checked_add(*count).is_none_or(|it| it > MOST_MESSAGES) => {
-                return Err(format!("`{}` tells of {count} lost messages after {first}", self.session.path.display()));
+                return Err(format!("`{}` counts {count} lost messages after {first}", self.session.path.display()));
             }
             Event::Gap { instance, port, .. } | Event::Emitted { instance, port, .. } => {
                 let outputs = self.graph.instances.get(*instance).map(|it| it.node_type.ports.outputs.len());
@@ -250,7 +249,7 @@ impl Feed for Player {
             {
                 let Some(Reverse(Early(mut entry))) = self.early.pop() else { continue };
                 if entry.order < self.next {
-                    return Err(format!("`{}` tells twice of event {}", self.session.path.display(), entry.order));
+                    return Err(format!("`{}` holds event {} twice", self.session.path.display(), entry.order));
                 }
                 self.next += 1;
                 self.complete(&mut entry)?;

@@ -233,7 +233,7 @@ pub fn made(graph: &Graph, session: &Session, begin: &Begin) -> Result<(Vec<bool
     };
     let mut remarks = Vec::new();
     loop {
-        // An input that must be there and whose messages nobody has.
+        // An input that must be there and whose messages are not in the recording.
         let torn = graph.edges.iter().find(|it| {
             let input = &graph.instances[it.to.0].node_type.ports.inputs[it.to.1];
             let is_sampled = input.optional || input.policy == InputPolicy::Latest;
@@ -317,7 +317,7 @@ mod tests {
         assert_eq!(set("face.marks.window_px", "21"), RIG.replacen("window_px = 15", "window_px = 21", 1));
         let added = set("face.other.name", "two words");
         assert_eq!(added, RIG.replace("[scale.face.node.other]\n", "[scale.face.node.other]\nname = \"two words\"\n"));
-        assert!(with_setting(RIG, "face.nobody.a", "1").is_err_and(|it| it.contains("`face.nobody`")));
+        assert!(with_setting(RIG, "face.other2.a", "1").is_err_and(|it| it.contains("`face.other2`")));
         assert!(with_setting(RIG, "face.marks", "1").is_err() && with_setting(RIG, "face.marks..a", "1").is_err());
     }
 }

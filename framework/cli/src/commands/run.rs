@@ -64,10 +64,14 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let is_live = args.live || graph.instances.iter().any(|it| it.is_live());
     let recorder = match recorder(args, &graph, &folder, is_live, options.paced) {
         Ok(recorder) => recorder,
-        Err(sentence) => return complain(&sentence),
+        Err(sentence) => {
+            folder.take_back(&results::BEFORE_THE_RUN);
+            return complain(&sentence);
+        }
     };
     let options = Options { out_dir: Some(folder.to_path_buf()), tap: recorder.as_ref().map(Recorder::tap), ..options };
     let outcome = run_into(args, &graph, &options, is_live);
+    let session = recorder.as_ref().map(|it| it.path().to_owned());
     let recorded = recorder.map(|it| describe_recording(it, args.quiet));
     match outcome {
         Ok(mut outcome) => {
@@ -86,6 +90,8 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
             code
         }
         Err(sentence) => {
+            // Of a run that did not begin there is nothing to record.
+            session.iter().for_each(|it| drop(std::fs::remove_file(it)));
             folder.take_back(&results::BEFORE_THE_RUN);
             complain(&sentence)
         }

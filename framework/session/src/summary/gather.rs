@@ -171,7 +171,7 @@ impl Gathered {
     }
 }
 
-/// Where the first whole record of the data begins at or after `from` that tells by itself whether it is whole.
+/// Where the first whole record of the data begins at or after `from` that shows by itself whether it is whole.
 fn next_whole(records: &mut Records, from: u64) -> Option<u64> {
     let length = records.length();
     let mut at = from;

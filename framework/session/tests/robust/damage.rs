@@ -83,7 +83,7 @@ enum Outcome {
     Refused(String),
 }
 
-/// Flips bits of each `step`th byte of a file; how many flips were told and how many refused, and the bytes whose flips had no effect.
+/// Flips bits of each `step`th byte of a file; how many flips were reported and how many refused, and the bytes whose flips had no effect.
 fn flip_all(small: &Small, step: usize, masks: &[u8]) -> ([usize; 2], Vec<usize>) {
     let (mut counts, mut same) = ([0; 2], Vec::new());
     for at in (0..small.bytes.len()).step_by(step) {
@@ -98,7 +98,7 @@ fn flip_all(small: &Small, step: usize, masks: &[u8]) -> ([usize; 2], Vec<usize>
             }
         }
     }
-    println!("{} bytes: {} flips without effect, {counts:?} told and refused", small.bytes.len(), same.len());
+    println!("{} bytes: {} flips without effect, {counts:?} reported and refused", small.bytes.len(), same.len());
     (counts, same)
 }
 
@@ -271,24 +271,24 @@ fn with_summary(small: &Small, change: impl FnOnce(&mut foveate_session::summary
 fn summaries_that_lie_are_told() {
     let small = Small::new(Packing::Lz4, 3, true);
     assert!(matches!(small.check(&with_summary(&small, |_| ()), "as it is"), Outcome::Same));
-    let told = |change: &dyn Fn(&mut foveate_session::summary::Summary), part: &str| match small
+    let reported = |change: &dyn Fn(&mut foveate_session::summary::Summary), part: &str| match small
         .check(&with_summary(&small, change), part)
     {
         Outcome::Told(it) => assert!(it.iter().any(|it| it.contains(part)), "{part}: {it:?}"),
         Outcome::Refused(it) => assert!(it.contains(part), "{part}: {it}"),
-        Outcome::Same => panic!("{part}: nothing was told"),
+        Outcome::Same => panic!("{part}: nothing was reported"),
     };
-    told(&|it| drop(it.chunks.remove(1)), "the summary lacks a record that is there");
-    told(&|it| drop(it.attachments.remove(0)), "the summary lacks a record that is there");
-    told(&|it| drop(it.metadata.pop()), "the summary lacks a record that is there");
-    told(&|it| it.chunks[2] = it.chunks[1].clone(), "its summary is damaged");
-    told(&|it| it.chunks[2].chunk_start_offset = 1 << 60, "its summary is damaged");
-    told(&|it| it.chunks[2].chunk_length = u64::MAX, "its summary is damaged");
-    told(&|it| it.chunks[1].uncompressed_size += 1, "by the summary (length");
-    told(&|it| it.chunks[1].message_end_time += 1, "by the summary (length");
-    told(&|it| it.counts.values_mut().for_each(|it| *it += 1), "by its summary");
-    told(&|it| it.attachments[0].name = "other".to_owned(), "holds another file than `other`");
-    told(&|it| it.metadata[0].name = "foveate.end".to_owned(), "no metadata `foveate.session`");
+    reported(&|it| drop(it.chunks.remove(1)), "the summary lacks a record that is there");
+    reported(&|it| drop(it.attachments.remove(0)), "the summary lacks a record that is there");
+    reported(&|it| drop(it.metadata.pop()), "the summary lacks a record that is there");
+    reported(&|it| it.chunks[2] = it.chunks[1].clone(), "its summary is damaged");
+    reported(&|it| it.chunks[2].chunk_start_offset = 1 << 60, "its summary is damaged");
+    reported(&|it| it.chunks[2].chunk_length = u64::MAX, "its summary is damaged");
+    reported(&|it| it.chunks[1].uncompressed_size += 1, "by the summary (length");
+    reported(&|it| it.chunks[1].message_end_time += 1, "by the summary (length");
+    reported(&|it| it.counts.values_mut().for_each(|it| *it += 1), "by its summary");
+    reported(&|it| it.attachments[0].name = "other".to_owned(), "holds another file than `other`");
+    reported(&|it| it.metadata[0].name = "foveate.end".to_owned(), "no metadata `foveate.session`");
 }
 
 #[test]
