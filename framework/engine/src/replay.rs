@@ -128,6 +128,9 @@ pub(super) fn run(
             observe(&Progress { now: replay.now, wall: started.elapsed(), edges: views.clone() });
         }
     }
+    if replay.end.is_none() {
+        replay.break_off();
+    }
     let Replay { mut stage, lost, now, end, .. } = replay;
     stage.lose(&lost);
     if let Some(what) = ended_by {
@@ -153,6 +156,15 @@ fn wait_until(time: Time, started: Instant, options: &Options) {
     }
 }
 
+/// A message on its way along an edge.
+struct Waiting {
+    /// Which of those that were given out along the edge.
+    number: u64,
+    /// When it was given out, among all events.
+    order: u64,
+    packet: Packet,
+}
+
 struct Replay<'s> {
     graph: Arc<Graph>,
     stage: Stage,
@@ -161,8 +173,8 @@ struct Replay<'s> {
     said: Vec<Said>,
     /// By instance: what it has given out and the recording has not mentioned yet.
     given: Vec<Given>,
-    /// By edge: messages on their way, with their numbers.
-    waiting: Vec<VecDeque<(u64, Packet)>>,
+    /// By edge: messages on their way.
+    waiting: Vec<VecDeque<Waiting>>,
     /// By edge: messages that were given out along it.
     n_left: Vec<u64>,
     /// By edge: messages lost in queues between threads.
@@ -200,11 +212,7 @@ impl Replay<'_> {
                 } else {
                     packet.unwrap_or_else(|| Packet { stamp, payload: Arc::new(Absent) })
                 };
-                let (waiting, n_left) = (&mut self.waiting, &mut self.n_left);
-                self.stage.leave((instance, port), &packet, now, |edge| {
-                    waiting[edge].push_back((n_left[edge], packet.clone()));
-                    n_left[edge] += 1;
-                });
+                self.leave((instance, port), packet, now, entry.order);
             }
             Event::Gap { instance, port, gap } => {
                 let gap = if self.is_made(instance) {
@@ -221,7 +229,7 @@ impl Replay<'_> {
             Event::Delivered { edge, number, fate } => self.deliver(edge, number, fate, now)?,
             Event::Lost { edge, first, count } => {
                 self.lost[edge] += count;
-                self.waiting[edge].retain(|it| it.0 < first || it.0 >= first + count);
+                self.waiting[edge].retain(|it| it.number < first || it.number >= first + count);
             }
             Event::Failed { instance, seen, error, action } => {
                 if !self.is_made(instance) {
@@ -246,10 +254,32 @@ impl Replay<'_> {
         Ok(())
     }
 
+    /// Output `port` of a node gives out `packet`.
+    fn leave(&mut self, (instance, port): (usize, usize), packet: Packet, now: Time, order: u64) {
+        let (waiting, n_left) = (&mut self.waiting, &mut self.n_left);
+        self.stage.leave((instance, port), &packet, now, |edge| {
+            waiting[edge].push_back(Waiting { number: n_left[edge], order, packet: packet.clone() });
+            n_left[edge] += 1;
+        });
+    }
+
+    /// The recording breaks off: what was on its way then comes to its consumers, before anything else happens.
+    fn break_off(&mut self) {
+        for instance in 0..self.given.len() {
+            let Given { packets, gaps } = std::mem::take(&mut self.given[instance]);
+            gaps.iter().for_each(|(_, gap)| self.stage.faults.gap(&self.graph.instances[instance].path, gap));
+            packets.into_iter().for_each(|(port, packet)| self.leave((instance, port), packet, self.now, u64::MAX));
+        }
+        let waiting = self.waiting.iter_mut().enumerate();
+        let mut waiting: Vec<_> = waiting.flat_map(|(edge, it)| it.drain(..).map(move |it| (edge, it))).collect();
+        waiting.sort_by_key(|(edge, it)| (it.order, *edge, it.number));
+        waiting.into_iter().for_each(|(edge, it)| self.stage.deliver(edge, it.packet, self.now));
+    }
+
     fn deliver(&mut self, edge: usize, number: u64, fate: Fate, now: Time) -> Result<(), String> {
         let (from, to) = (self.graph.edges[edge].from.0, self.graph.edges[edge].to.0);
-        let place = self.waiting[edge].iter().position(|it| it.0 == number);
-        let Some((_, packet)) = place.and_then(|it| self.waiting[edge].remove(it)) else {
+        let place = self.waiting[edge].iter().position(|it| it.number == number);
+        let Some(Waiting { packet, .. }) = place.and_then(|it| self.waiting[edge].remove(it)) else {
             return Err(self.differs(now, from, &format!("has not given out message {number} of {}", self.name(edge))));
         };
         if !self.stage.meet(edge, packet, fate, now) && self.is_made(to) {

@@ -192,8 +192,21 @@ fn a_recording_that_breaks_off_anywhere_gives_what_it_holds() {
         + &node("b", "relay", "in = { numbers = \"a.numbers\" }")
         + &collect("\"b.numbers\"", "cut");
     let (_, whole, entries) = record(&rig, "cut", true);
+    breaks_off_anywhere(&rig, &whole, &entries);
+    // The sink is on another thread, and has taken nothing yet when the data is over.
+    let (_, whole, entries) = record(&rig, "cut", false);
+    let is_late =
+        |it: &Entry| matches!(it.event, Event::Delivered { edge: 1, .. } | Event::Activated { instance: 2, .. });
+    let end = entries.iter().position(|it| matches!(it.event, Event::Ending)).unwrap();
+    let (late, first): (Vec<Entry>, Vec<Entry>) = entries[..end].iter().cloned().partition(is_late);
+    assert_eq!(late.len(), 60);
+    breaks_off_anywhere(&rig, &whole, &[&first[..], &late, &entries[end..]].concat());
+}
+
+#[track_caller]
+fn breaks_off_anywhere(rig: &str, whole: &[Collected], entries: &[Entry]) {
     for cut in (0..entries.len()).step_by(7) {
-        let (outcome, found) = follow(&rig, "cut", true, &entries[..cut]);
+        let (outcome, found) = follow(rig, "cut", true, &entries[..cut]);
         assert!(outcome.faults.iter().all(|it| it.instance != "replay"), "{:?}", outcome.faults);
         let numbers = |it: &[Collected]| it.iter().map(|it| it.number).collect::<Vec<_>>();
         assert_eq!(numbers(&found), numbers(&whole[..found.len()]));
