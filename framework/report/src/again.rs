@@ -9,6 +9,14 @@ use crate::words;
 /// Writes the section; `version` is the one of the program that writes the page.
 pub(crate) fn write(page: &mut Page, folder: &Folder, version: &str) {
     page.section("again", "How to reproduce this");
+    if let Some(session) = &folder.session {
+        page.paragraph(
+            "These results were made from a recorded session; the following makes them again, byte by byte:",
+        );
+        page.terminal(&format!("foveate replay {}", session.name));
+        page.paragraph(&format!("This page was written by foveate {version}."));
+        return;
+    }
     match &folder.rig {
         Err(sentence) => {
             page.missing(sentence);

@@ -47,8 +47,8 @@ pub(crate) fn write(page: &mut Page, folder: &Folder) {
 
 /// Where the calibration lies: below the folder of the rig, unless its path is whole.
 fn place(folder: &Folder, name: &str) -> PathBuf {
-    let base = folder.of_rig("folder").and_then(Value::as_str).map_or(folder.path.as_path(), Path::new);
-    base.join(name)
+    let beside_rig = || folder.of_rig("folder").and_then(Value::as_str).map_or(folder.path.as_path(), Path::new);
+    folder.session.as_ref().map_or_else(beside_rig, |it| &it.files).join(name)
 }
 
 /// What the calibration says of itself.

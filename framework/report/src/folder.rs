@@ -91,6 +91,13 @@ impl Entry {
     }
 }
 
+/// The session whose replay gave the results.
+pub(crate) struct Session {
+    pub(crate) name: String,
+    /// Where the files are that the rig reads.
+    pub(crate) files: PathBuf,
+}
+
 /// What a results folder holds.
 pub(crate) struct Folder {
     pub(crate) path: PathBuf,
@@ -105,6 +112,7 @@ pub(crate) struct Folder {
     pub(crate) files: Vec<Entry>,
     /// What was left out of `files`, in sentences.
     pub(crate) unlisted: Vec<String>,
+    pub(crate) session: Option<Session>,
 }
 
 impl Folder {
@@ -141,6 +149,7 @@ impl Folder {
             rig_text: text(&path.join("rig.resolved.toml")).unwrap_or_default(),
             files,
             unlisted,
+            session: None,
             path: path.to_owned(),
         })
     }

@@ -29,7 +29,7 @@ mod tests;
 
 use std::path::Path;
 
-use crate::folder::Folder;
+use crate::folder::{Folder, Session};
 use crate::page::Page;
 use crate::pictures::Budget;
 
@@ -41,14 +41,27 @@ pub const FILE_NAME: &str = "report.html";
 /// # Errors
 /// A sentence when the folder cannot be read or is no results folder: it has no `summary.json`, no `ledger.csv` and no `events.csv`.
 pub fn of_folder(folder: &Path, version: &str) -> Result<String, String> {
-    let folder = Folder::read(folder)?;
-    let mut page = Page::new(&rig::title(&folder), &rig::facts(&folder));
+    Ok(write(&Folder::read(folder)?, version))
+}
+
+/// The page of a session: of the results `folder` of its replay, and of the `files` that travel in it. `name` is what the session is called.
+///
+/// # Errors
+/// As [`of_folder`].
+pub fn of_session(name: &str, folder: &Path, files: &Path, version: &str) -> Result<String, String> {
+    let mut folder = Folder::read(folder)?;
+    folder.session = Some(Session { name: name.to_owned(), files: files.to_owned() });
+    Ok(write(&folder, version))
+}
+
+fn write(folder: &Folder, version: &str) -> String {
+    let mut page = Page::new(&rig::title(folder), &rig::facts(folder));
     let mut budget = Budget::default();
-    rig::write(&mut page, &folder, &mut budget);
-    recovered::write(&mut page, &folder, &mut budget);
-    uncertainty::write(&mut page, &folder);
-    shortfalls::write(&mut page, &folder);
-    calibration::write(&mut page, &folder);
-    again::write(&mut page, &folder, version);
-    Ok(page.finish())
+    rig::write(&mut page, folder, &mut budget);
+    recovered::write(&mut page, folder, &mut budget);
+    uncertainty::write(&mut page, folder);
+    shortfalls::write(&mut page, folder);
+    calibration::write(&mut page, folder);
+    again::write(&mut page, folder, version);
+    page.finish()
 }

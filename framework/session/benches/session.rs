@@ -235,6 +235,7 @@ fn live(folder: &Path) {
                 of_cameras: Vec::new(),
                 memory: 256 << 20,
                 waits: false,
+                with_unused: false,
                 mode: "live",
                 began_unix_ns: 0,
             };

@@ -10,8 +10,7 @@ use serde_json::json;
 
 use crate::file::{Channel, Packing, SessionFile};
 use crate::session::Session;
-use crate::viewer::Kind;
-use crate::{names, order};
+use crate::{names, order, picture};
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -128,9 +127,8 @@ pub fn cut(session: &mut Session, path: &Path, cut: &Cut) -> Result<Kept, String
 /// The topics that are left away, with those that viewers draw of them.
 fn dropped(session: &Session, cut: &Cut) -> Result<BTreeSet<String>, String> {
     let channels: Vec<&ChannelRecord> = session.summary.channels.values().collect();
-    let pictures = [Kind::RawImage.name(), Kind::CompressedImage.name()];
     let is_picture = |it: &ChannelRecord| {
-        session.summary.schemas.get(&it.schema_id).is_some_and(|schema| pictures.contains(&schema.0.name.as_str()))
+        session.summary.schemas.get(&it.schema_id).is_some_and(|schema| picture::is_picture(&schema.0.name))
     };
     let camera = |it: &ChannelRecord| {
         let instance = it.metadata.get("instance")?;

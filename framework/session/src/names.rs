@@ -22,6 +22,8 @@ pub const SESSION: &str = "foveate.session";
 pub const RIG: &str = "rig.resolved.toml";
 /// The rig with the names that its files have in the session.
 pub const REPLAY_RIG: &str = "rig.replay.toml";
+/// Metadata written soon after a live recording begins: when its time 0 was, by the clock on the wall.
+pub const CLOCK: &str = "foveate.clock";
 /// Metadata written when a recording ends in good order.
 pub const END: &str = "foveate.end";
 /// The names of instances and edges, in the order of their numbers.

@@ -66,6 +66,11 @@ pub fn decode(schema: &str, bytes: &[u8]) -> Result<Packet, String> {
     Ok(Packet { stamp, payload: Arc::new(image) })
 }
 
+/// Whether messages of this schema are pictures.
+pub fn is_picture(schema: &str) -> bool {
+    [Kind::RawImage, Kind::CompressedImage].iter().any(|it| it.name() == schema)
+}
+
 /// Reads what [`Pictures::encode`] wrote.
 ///
 /// # Errors

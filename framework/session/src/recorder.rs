@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
-use foveate_engine::tap::{Entry, Event, LeftOut, Tap, Wanted};
+use foveate_engine::tap::{Entry, Event, Fate, LeftOut, Tap, Wanted};
 use foveate_messages::Image;
 use foveate_node::guard::guarded;
 use foveate_node::{Host, Role};
@@ -28,6 +28,8 @@ use crate::{body, order};
 const FLUSH_PERIOD: Duration = Duration::from_millis(250);
 /// Pause before the tap is looked at again when it gave nothing.
 const PAUSE: Duration = Duration::from_millis(5);
+/// What has passed along each edge is written once in so long [ns].
+const LEDGERS_NS: i64 = 1_000_000_000;
 /// Names of messages that are pictures, which are left out first.
 const PICTURES: [&str; 3] = ["image", "pattern_pictures", "silhouette"];
 
@@ -46,7 +48,9 @@ pub struct Recording {
     pub memory: usize,
     /// The run waits for the disk. Only for runs on a logical clock.
     pub waits: bool,
-    /// How the run is made: `live`, `paced` or `simulated`.
+    /// Also what no edge carries, and pictures that only sinks take.
+    pub with_unused: bool,
+    /// How the run is made: `live`, `paced`, `simulated` or `imported`.
     pub mode: &'static str,
     /// When it began, by the clock on the wall [ns since 1970]; 0 for a run on a logical clock, which is the same at any time.
     pub began_unix_ns: u128,
@@ -79,6 +83,7 @@ impl Recording {
             of_cameras: rig.cameras.iter().map(|(name, it)| (name.clone(), form(*it))).collect(),
             memory: rig.memory_mb as usize * 1_000_000,
             waits: false,
+            with_unused: false,
             mode: "simulated",
             began_unix_ns: 0,
         }
@@ -113,7 +118,7 @@ impl Recorder {
         let camera =
             |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
         let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.form(camera(it))).collect();
-        let wanted = wanted(graph, &pictures);
+        let wanted = wanted(graph, &pictures, recording.with_unused);
         let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
         let attached = attach::gather(graph)?;
         let mut writing = Writing {
@@ -131,6 +136,10 @@ impl Recorder {
             remarks: attached.missing.clone(),
             is_ended: false,
             now: 0,
+            passed: vec![[0; 4]; graph.edges.len()],
+            ledgers_at: LEDGERS_NS,
+            zero_unix_ns: i128::MAX,
+            clock: if recording.began_unix_ns > 0 { Clock::Measured } else { Clock::None },
         };
         let failed = |what: String| format!("`{}` cannot be written: {what}", recording.path.display());
         writing.begin(recording, &attached).map_err(failed)?;
@@ -177,13 +186,15 @@ pub(crate) fn is_wanted(graph: &Graph, instance: usize, port: usize, with_pictur
 }
 
 /// By instance and port: which messages are recorded.
-fn wanted(graph: &Graph, pictures: &[Pictures]) -> Vec<Vec<Wanted>> {
-    let is_asked_for = |instance: usize| pictures[instance] != Pictures::None;
-    let of_port = |instance: usize, port: usize| match is_wanted(graph, instance, port, is_asked_for(instance)) {
-        false => Wanted::No,
-        true if is_picture(graph, instance, port) => Wanted::First,
-        true => Wanted::Yes,
-    };
+fn wanted(graph: &Graph, pictures: &[Pictures], with_unused: bool) -> Vec<Vec<Wanted>> {
+    let of_port =
+        |instance: usize, port: usize| match is_wanted(graph, instance, port, pictures[instance] != Pictures::None)
+            || with_unused
+        {
+            false => Wanted::No,
+            true if is_picture(graph, instance, port) => Wanted::First,
+            true => Wanted::Yes,
+        };
     let ports = |instance: usize| 0..graph.instances[instance].node_type.ports.outputs.len();
     (0..graph.instances.len()).map(|it| ports(it).map(|port| of_port(it, port)).collect()).collect()
 }
@@ -250,6 +261,24 @@ struct Writing {
     is_ended: bool,
     /// Time of the last event [ns].
     now: i64,
+    /// By edge: messages that came in time, lost, at a stopped node, at a suspended scale.
+    passed: Vec<[u64; 4]>,
+    /// When these are written next [ns].
+    ledgers_at: i64,
+    /// When time 0 was, by the clock on the wall [ns since 1970]: what an event took to come here only makes it later.
+    zero_unix_ns: i128,
+    clock: Clock,
+}
+
+/// The clock on the wall, beside that of the session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Clock {
+    /// A run on a logical clock has nothing to do with it.
+    None,
+    /// It is compared with each event.
+    Measured,
+    /// What was found is in the file.
+    Written,
 }
 
 impl Writing {
@@ -286,6 +315,12 @@ impl Writing {
         let mut encoder = order::Encoder::default();
         let mut batch = Vec::new();
         let mut last = None;
+        if self.clock == Clock::Measured
+            && let Some(newest) = entries.iter().map(|it| it.now.0).max()
+            && let Ok(since_1970) = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH)
+        {
+            self.zero_unix_ns = self.zero_unix_ns.min(since_1970.as_nanos() as i128 - i128::from(newest));
+        }
         while let Some(mut entry) = entries.pop_front() {
             if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event {
                 let (instance, port) = (*instance, *port);
@@ -296,6 +331,7 @@ impl Writing {
                 }
             }
             self.show(&entry)?;
+            self.count(&entry)?;
             self.is_ended |= matches!(entry.event, Event::Ended { .. });
             encoder.add(&entry, &mut batch);
             last = Some(entry.now.0);
@@ -307,6 +343,31 @@ impl Writing {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Counts what passes along edges, and writes it once a second.
+    fn count(&mut self, entry: &Entry) -> Result<(), String> {
+        match entry.event {
+            Event::Delivered { edge, fate, .. } => match fate {
+                Fate::Put | Fate::PutBounded => self.passed[edge][0] += 1,
+                Fate::Stopped => self.passed[edge][2] += 1,
+                Fate::Suspended => self.passed[edge][3] += 1,
+            },
+            Event::Lost { edge, count, .. } => self.passed[edge][1] += count,
+            _ => {}
+        }
+        if entry.now.0 < self.ledgers_at {
+            return Ok(());
+        }
+        self.ledgers_at = (entry.now.0 / LEDGERS_NS + 1) * LEDGERS_NS;
+        let mut figures = Vec::new();
+        for (edge, passed) in self.graph.edges.iter().zip(&self.passed) {
+            let counts = ["came", "lost", "stopped", "suspended"].iter().zip(passed);
+            // What never happens is not drawn.
+            let counts = counts.filter(|it| *it.0 == "came" || *it.1 > 0);
+            figures.extend(counts.map(|(what, count)| (format!("{}: {what}", edge.name), *count as f64)));
+        }
+        self.shown.figures(&mut self.file, entry.now.0, &figures)
     }
 
     /// Topics that are not recorded.
@@ -409,6 +470,11 @@ impl Writing {
     }
 
     fn flush(&mut self) -> Result<(), String> {
+        if self.clock == Clock::Measured && self.zero_unix_ns < i128::MAX {
+            let zero = [("zero_unix_ns".to_owned(), self.zero_unix_ns.to_string())];
+            self.file.metadata(names::CLOCK, zero.into())?;
+            self.clock = Clock::Written;
+        }
         if !self.left_out.is_empty() {
             let status = json!({ "left_out": self.left_out }).to_string();
             if let Some(channel) = self.status.filter(|_| status != self.last_status) {

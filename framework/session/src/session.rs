@@ -34,6 +34,24 @@ pub struct Session {
     records: Records,
 }
 
+/// What a channel holds.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Contents {
+    /// Length of its messages, unpacked [bytes].
+    pub bytes: u64,
+    /// When they were given out, in order [ns].
+    pub times_ns: Vec<u64>,
+}
+
+impl Contents {
+    /// Intervals between messages, in order of length [s].
+    pub fn intervals_s(&self) -> Vec<f64> {
+        let mut intervals: Vec<f64> = self.times_ns.windows(2).map(|it| (it[1] - it[0]) as f64 * 1e-9).collect();
+        intervals.sort_by(f64::total_cmp);
+        intervals
+    }
+}
+
 /// What was found in a file without a usable summary.
 struct Mended {
     summary: Summary,
@@ -69,6 +87,9 @@ impl Session {
         };
         let damaged = |what: String| format!("`{}` is damaged: {what}", path.display());
         session.end = session.summary.texts(&mut session.records, names::END).map_err(damaged)?;
+        if let Some(clock) = session.summary.texts(&mut session.records, names::CLOCK).map_err(damaged)? {
+            session.facts.extend(clock);
+        }
         match session.read_left_out() {
             Ok(left_out) => session.left_out = left_out,
             Err(what) => session.remarks.push(format!("what was left out is not known: {what}")),
@@ -137,6 +158,57 @@ impl Session {
             _ => Ok(()),
         })
         .map_err(damaged)
+    }
+
+    /// The messages of a chunk, without reading them where the file has an index of them: channel, log time [ns], length [bytes].
+    ///
+    /// # Errors
+    /// A sentence: what is damaged, and where.
+    pub fn index(&mut self, chunk: usize) -> Result<Vec<(u16, u64, u64)>, String> {
+        let it = &self.summary.chunks[chunk];
+        let whole = it.uncompressed_size;
+        let mut found: Vec<(u64, u16, u64)> = Vec::new();
+        for (channel, at) in it.message_index_offsets.clone() {
+            let damaged = |what: String| format!("`{}` is damaged at byte {at}: {what}", self.path.display());
+            match self.summary.record(&mut self.records, at, op::MESSAGE_INDEX).map_err(damaged)? {
+                Record::MessageIndex(index) => {
+                    found.extend(index.records.iter().map(|it| (it.offset, channel, it.log_time)));
+                }
+                _ => return Err(damaged("found another record than an index of messages".to_owned())),
+            }
+        }
+        if found.is_empty() {
+            let mut read = Vec::new();
+            self.messages(chunk, |channel, log_ns, bytes| {
+                read.push((channel, log_ns, bytes.len() as u64));
+                Ok(())
+            })?;
+            return Ok(read);
+        }
+        found.sort_unstable();
+        let ends = found.iter().skip(1).map(|it| it.0).chain([whole]).collect::<Vec<_>>();
+        Ok(found
+            .iter()
+            .zip(ends)
+            .map(|(&(start, channel, time), end)| (channel, time, end.saturating_sub(start)))
+            .collect())
+    }
+
+    /// What each channel holds.
+    ///
+    /// # Errors
+    /// As [`Session::index`].
+    pub fn contents(&mut self) -> Result<BTreeMap<u16, Contents>, String> {
+        let mut contents: BTreeMap<u16, Contents> = BTreeMap::new();
+        for chunk in 0..self.summary.chunks.len() {
+            for (channel, time, bytes) in self.index(chunk)? {
+                let it = contents.entry(channel).or_default();
+                it.bytes += bytes;
+                it.times_ns.push(time);
+            }
+        }
+        contents.values_mut().for_each(|it| it.times_ns.sort_unstable());
+        Ok(contents)
     }
 
     /// The last status that the recorder wrote.

@@ -114,12 +114,13 @@ fn play<M: Message>(
     Ok(true)
 }
 
-fn fact<'c>(channel: &'c Channel, name: &str) -> &'c str {
+/// A fact that a channel states of itself; empty where it does not.
+pub fn fact<'c>(channel: &'c Channel, name: &str) -> &'c str {
     channel.metadata.get(name).map_or("", String::as_str)
 }
 
 /// The camera of a channel: what stands in brackets in the name of its node.
-fn camera_of(channel: &Channel) -> Option<&str> {
+pub fn camera_of(channel: &Channel) -> Option<&str> {
     fact(channel, "instance").split_once('[')?.1.strip_suffix(']')
 }
 

@@ -202,7 +202,7 @@ impl Drop for Decoder {
 }
 
 /// The path under the protocol `file:`, so that no name is taken for an option or an address.
-fn as_file(path: &Path) -> OsString {
+pub(crate) fn as_file(path: &Path) -> OsString {
     let mut text = OsString::from("file:");
     text.push(path);
     text
@@ -220,12 +220,12 @@ fn is_program(file: &Path) -> bool {
     file.is_file()
 }
 
-fn cannot_start(program: &str, error: &std::io::Error) -> String {
+pub(crate) fn cannot_start(program: &str, error: &std::io::Error) -> String {
     if error.kind() != ErrorKind::NotFound {
         return format!("`{program}` cannot be started: {error}");
     }
     format!(
-        "videos are decoded by `{program}`, which is not on the PATH; install FFmpeg: `apt install ffmpeg`, `dnf install ffmpeg-free`, \
+        "videos are read and written by `{program}`, which is not on the PATH; install FFmpeg: `apt install ffmpeg`, `dnf install ffmpeg-free`, \
          `brew install ffmpeg` or `winget install ffmpeg`"
     )
 }

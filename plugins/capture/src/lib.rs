@@ -15,6 +15,7 @@ mod clock;
 mod decode;
 pub mod detections;
 mod detections_csv;
+pub mod encoder;
 mod ffmpeg;
 mod ffmpeg_words;
 pub mod images;
@@ -23,6 +24,7 @@ mod listing;
 pub mod motion;
 mod points_dat;
 pub mod settings;
+pub mod size;
 #[cfg_attr(
     not(all(feature = "hardware", target_os = "linux")),
     allow(dead_code, reason = "constructed by real cameras only, but built and tested without one")

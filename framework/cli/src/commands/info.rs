@@ -1,5 +1,6 @@
 //! `foveate info`: what is in a session.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -11,7 +12,7 @@ use crate::exit;
 use crate::output::say;
 
 pub(super) fn run(path: &Path) -> u8 {
-    match Session::open(path).and_then(|it| describe(&it)) {
+    match Session::open(path).and_then(|mut it| describe(&mut it)) {
         Ok(text) => {
             say(&text);
             exit::DONE
@@ -20,7 +21,8 @@ pub(super) fn run(path: &Path) -> u8 {
     }
 }
 
-fn describe(session: &Session) -> Result<String, String> {
+fn describe(session: &mut Session) -> Result<String, String> {
+    let contents = session.contents()?;
     let mut text = String::new();
     let mut line = |it: String| {
         text += &it;
@@ -43,7 +45,11 @@ fn describe(session: &Session) -> Result<String, String> {
     if !session.fact("cut").is_empty() {
         line(format!("a part, {}", session.fact("cut")));
     }
+    if !session.fact("merged").is_empty() {
+        line(format!("of several sessions: {}", session.fact("merged")));
+    }
     match &session.end {
+        None if !session.fact("merged").is_empty() => {}
         None if !session.fact("cut").is_empty() => {}
         None => line("it ends without the last words of its recorder".to_owned()),
         Some(end) => {
@@ -52,20 +58,37 @@ fn describe(session: &Session) -> Result<String, String> {
             }
         }
     }
-    line(format!("\n{:<48} {:>9} {:>9} {:>9}  kind", "topic", "messages", "rate Hz", "left out"));
+    line(format!(
+        "\n{:<48} {:>9} {:>9} {:>9} {:>9} {:>9}  kind",
+        "topic", "messages", "rate Hz", "pause s", "size MB", "left out"
+    ));
+    let mut of_kinds: BTreeMap<String, u64> = BTreeMap::new();
     let mut channels: Vec<_> = session.summary.channels.values().collect();
     channels.sort_by(|a, b| a.topic.cmp(&b.topic));
     for channel in channels.into_iter().filter(|it| it.topic != STATUS) {
         let count = session.summary.counts.get(&channel.id).copied().unwrap_or(0);
         let rate = count as f64 / seconds.max(1e-9);
+        let its = contents.get(&channel.id);
+        let pause = its.and_then(|it| it.intervals_s().last().copied());
+        let pause = pause.map_or_else(String::new, |it| format!("{it:.3}"));
+        let bytes = its.map_or(0, |it| it.bytes);
         let left_out = session.left_out.get(&channel.topic).copied().unwrap_or(0);
         let kind = match channel.topic.as_str() {
             ORDER => "order of delivery, in batches",
-            _ => channel.metadata.get("message").map_or("", String::as_str),
+            _ => channel.metadata.get("message").map_or("for viewers", String::as_str),
         };
+        *of_kinds.entry(kind.to_owned()).or_default() += bytes;
         let left_out = if left_out == 0 { String::new() } else { left_out.to_string() };
-        line(format!("{:<48} {count:>9} {rate:>9.1} {left_out:>9}  {kind}", channel.topic));
+        line(format!(
+            "{:<48} {count:>9} {rate:>9.1} {pause:>9} {:>9.2} {left_out:>9}  {kind}",
+            channel.topic,
+            bytes as f64 * 1e-6
+        ));
     }
+    line("\npause: the longest time without a message; size: before it is compressed, by kind:".to_owned());
+    let mut of_kinds: Vec<_> = of_kinds.into_iter().collect();
+    of_kinds.sort_by_key(|it| std::cmp::Reverse(it.1));
+    line(of_kinds.iter().map(|(kind, bytes)| format!("{kind} {}", size(*bytes))).collect::<Vec<_>>().join(" · "));
     let files: Vec<&str> =
         session.summary.attachments.iter().map(|it| it.name.strip_prefix(FILES).unwrap_or(&it.name)).collect();
     line(format!("\nfiles: {}", files.join("  ")));

@@ -6,9 +6,12 @@ mod compare;
 mod convert;
 mod cut;
 mod eval;
+mod export;
 pub mod figures;
 mod graph;
+mod import;
 mod info;
+mod merge;
 mod motion_files;
 mod new;
 pub mod nodes;
@@ -60,9 +63,15 @@ enum Command {
         #[arg(value_hint = clap::ValueHint::FilePath)]
         session: PathBuf,
     },
+    /// Write what a session holds as videos, tables, C3D or GLB
+    Export(export::ExportArgs),
+    /// Make a session of videos and folders of pictures
+    Import(import::ImportArgs),
     /// Write a part of a session: a time, some cameras, some kinds
     Cut(cut::CutArgs),
-    /// Make one page of a results folder, to read, send and print
+    /// Put the sessions of several machines onto one clock, into one file
+    Merge(merge::MergeArgs),
+    /// Make one page of a results folder or a session, to read, send and print
     Report(report::ReportArgs),
     /// Calibrate a rig's cameras from one waved light or a board, with guidance and a verdict
     Calibrate(Box<calibrate::CalibrateArgs>),
@@ -76,7 +85,7 @@ enum Command {
     },
     /// Write a calibration or a motion file in another form, and say what is lost
     Convert(Box<convert::ConvertArgs>),
-    /// Measure how far apart two motion files are, point by point, or two clouds or surfaces (PLY)
+    /// Measure how far apart two motion files are, two clouds or surfaces (PLY), or the figures of two runs
     Compare(compare::CompareArgs),
     /// Explain figures of a summary: unit, which values are better, what is counted
     Figures {
@@ -259,8 +268,11 @@ impl Cli {
         match self.command {
             Command::Run(args) => run::run(&args, registry),
             Command::Replay(args) => replay::run(&args, registry),
+            Command::Export(args) => export::run(&args, registry),
+            Command::Import(args) => import::run(&args, registry),
             Command::Cut(args) => cut::run(&args),
-            Command::Report(args) => report::run(&args),
+            Command::Merge(args) => merge::run(&args),
+            Command::Report(args) => report::run(&args, registry),
             Command::Info { session } => info::run(&session),
             Command::Calibrate(args) => calibrate::run(&args, registry),
             Command::Eval(args) => eval::run(&args, registry),

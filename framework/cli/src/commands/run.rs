@@ -72,7 +72,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let options = Options { out_dir: Some(folder.to_path_buf()), tap: recorder.as_ref().map(Recorder::tap), ..options };
     let outcome = run_into(args, &graph, &options, is_live);
     let session = recorder.as_ref().map(|it| it.path().to_owned());
-    let recorded = recorder.map(|it| describe_recording(it, args.quiet));
+    let recorded = recorder.map(|it| describe_recording(it, args.quiet, ("replay", "runs it again")));
     match outcome {
         Ok(mut outcome) => {
             if args.listen.is_some() && !server.is_serving() {
@@ -165,7 +165,7 @@ fn recorder(
 }
 
 /// Ends a recording; what became of it.
-fn describe_recording(recorder: Recorder, is_quiet: bool) -> String {
+pub(super) fn describe_recording(recorder: Recorder, is_quiet: bool, (next, does): (&str, &str)) -> String {
     let path = recorder.path().display().to_string();
     let recorded = recorder.finish();
     let mut text = String::new();
@@ -183,7 +183,7 @@ fn describe_recording(recorder: Recorder, is_quiet: bool) -> String {
         let _ = writeln!(text, "note: {it}");
     }
     if !is_quiet {
-        let _ = writeln!(text, "recorded {path} ({}): `foveate replay {path}` runs it again", size(recorded.bytes));
+        let _ = writeln!(text, "recorded {path} ({}): `foveate {next} {path}` {does}", size(recorded.bytes));
     }
     text
 }

@@ -335,6 +335,18 @@ impl Summary {
         }
     }
 
+    /// The record of this kind that begins there.
+    ///
+    /// # Errors
+    /// That it cannot be read.
+    pub fn record(&self, records: &mut Records, at: u64, opcode: u8) -> Result<Record<'static>, String> {
+        records.go_to(at)?;
+        match records.read().map_err(|damage| damage.what)? {
+            Some((place, body)) if place.opcode == opcode => parse(opcode, body).map(Record::into_owned),
+            _ => Err("found another record than the summary says".to_owned()),
+        }
+    }
+
     /// The bytes of an attachment.
     ///
     /// # Errors

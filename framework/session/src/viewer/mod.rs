@@ -30,6 +30,7 @@ mod place;
 mod points;
 mod scene;
 mod schemas;
+mod shift;
 mod text;
 mod wire;
 
@@ -39,4 +40,5 @@ pub use picture::{PictureHeader, RecordedPicture, compressed_image, raw_image, r
 pub use place::{CameraModel, Transform, camera_calibration, head_pose, scale_space, transforms};
 pub use points::{cloud, marks_cloud, marks_poses, scale_cloud, targets_cloud, targets_poses, tracked_cloud};
 pub use scene::{marks_scene, mesh, skeletons, targets_scene};
+pub use shift::shifted;
 pub use text::{LogLevel, figures, log_line};

@@ -179,6 +179,7 @@ pub fn recording(path: &Path, packing: Packing) -> Recording {
         pictures: Pictures::Lossless,
         of_cameras: Vec::new(),
         memory: 256 << 20,
+        with_unused: false,
         waits: true,
         mode: "simulated",
         began_unix_ns: 0,

@@ -1,6 +1,7 @@
 //! `foveate calibrate`: a rig's detectors run, what they see of a waved light or a board becomes a calibration with a verdict.
 
 mod conclude;
+mod of_session;
 mod plan;
 
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ use foveate_rig::graph::Graph;
 use foveate_scene::{Calibration, Draft, LengthUnit};
 
 use self::conclude::{More, check_writable, conclude};
+use self::of_session::{OfSession, of_session};
 use self::plan::Plan;
 use super::seconds;
 use crate::calibrate::boards::{self, BoardArgs};
@@ -37,8 +39,8 @@ use crate::{exit, interrupt, results};
 /// `foveate calibrate`
 #[derive(Debug, clap::Args)]
 pub struct CalibrateArgs {
-    /// The rig (TOML)
-    #[arg(value_hint = clap::ValueHint::FilePath)]
+    /// The rig (TOML), or a session (MCAP): its features, or what a detector finds in its pictures
+    #[arg(value_name = "RIG|SESSION", value_hint = clap::ValueHint::FilePath)]
     rig: PathBuf,
     /// Use none of the poses in the rig's calibration, only names, picture sizes and the optics that it states
     #[arg(long)]
@@ -182,7 +184,9 @@ pub(super) fn run(args: &CalibrateArgs, registry: &Registry) -> u8 {
 
 fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     let givens = axes_args(args).givens().map_err(|fault| format!("error: {fault}"))?;
-    let (path, draft) = capture::draft(&args.rig)?;
+    let session = of_session(args)?;
+    let rig = OfSession::rig(&session, &args.rig);
+    let (path, draft) = capture::draft(rig)?;
     if args.write {
         check_writable(&path)?;
     }
@@ -202,7 +206,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     let stem = args.rig.file_stem().map_or_else(|| "rig".to_owned(), |it| it.to_string_lossy().into_owned());
     let folder = results::make_folder(args.out.as_deref(), &stem).map_err(|it| format!("error: {it}"))?;
     let how = capture::CaptureOptions {
-        node: args.from.clone(),
+        node: args.from.clone().filter(|_| session.is_none()),
         duration_s: args.duration,
         seed: args.seed,
         live: args.live,
@@ -217,7 +221,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         let lights = if args.wand_mm.is_some() { Some(2) } else { Some(1).filter(|_| !has_labels) };
         check_places(lights, graph.duration.map(|it| it.as_s()))
     };
-    let captured = capture::capture(&args.rig, registry, &draft, plan.cameras.clone(), &folder, &how, &check_graph)?;
+    let captured = capture::capture(rig, registry, &draft, plan.cameras.clone(), &folder, &how, &check_graph)?;
     captured.ended_early.iter().for_each(|it| eprintln!("{it}"));
     let remarks = captured.outcome.report.remarks.iter().map(|it| format!("note: {it}"));
     remarks.chain(lost(&captured.outcome, "")).for_each(|it| eprintln!("{}", harmless(&it)));

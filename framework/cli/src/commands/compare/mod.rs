@@ -1,6 +1,7 @@
-//! `foveate compare`: how far apart two motion files are, or two shapes.
+//! `foveate compare`: how far apart two motion files are, or two shapes, and how the figures of two runs differ.
 
 mod picture;
+mod runs;
 mod surfaces;
 
 use std::path::PathBuf;
@@ -21,10 +22,10 @@ use crate::output::say;
 /// `foveate compare`
 #[derive(Debug, clap::Args)]
 pub struct CompareArgs {
-    /// A motion file: C3D, TRC, BVH, targets.csv, marks.csv, NPZ; or a cloud or surface: PLY
+    /// A motion file: C3D, TRC, BVH, targets.csv, marks.csv, NPZ; a cloud or surface: PLY; or a results folder
     #[arg(value_hint = clap::ValueHint::FilePath)]
     a: PathBuf,
-    /// Another, of any of these forms; a reference for a PLY is a PLY
+    /// Another, of any of these forms; a reference for a PLY is a PLY, and a results folder is compared with another one
     #[arg(value_hint = clap::ValueHint::FilePath)]
     b: PathBuf,
     /// How points are paired [default: by name, or by distance where no name is in both]
@@ -88,6 +89,9 @@ pub(super) fn run(args: &CompareArgs) -> u8 {
 }
 
 fn told(args: &CompareArgs) -> Result<u8, String> {
+    if [&args.a, &args.b].iter().any(|it| runs::is_run(it)) {
+        return runs::run(args);
+    }
     match [&args.a, &args.b].map(|it| surfaces::is_ply(it)) {
         [true, true] => return surfaces::run(args),
         [false, false] => {}

@@ -16,17 +16,36 @@ use super::{ReplayArgs, into_folder, say_what_is_made};
 use crate::exit;
 use crate::output::wants_color;
 
-pub(super) fn run(args: &ReplayArgs, mut session: Session, folder: &Path, registry: &Registry) -> u8 {
-    let graph = match load(args, &mut session, folder, &replay::registry(registry)) {
+/// Nodes that are added to a rig, where the replay begins.
+pub(in super::super) struct Added {
+    /// Their part of the rig.
+    pub text: String,
+    /// Their names, `scale.node`.
+    pub nodes: Vec<String>,
+}
+
+pub(in super::super) fn run(
+    args: &ReplayArgs,
+    mut session: Session,
+    folder: &Path,
+    registry: &Registry,
+    added: Option<&Added>,
+) -> u8 {
+    let addition = added.map_or("", |it| &it.text);
+    let graph = match load(args, &mut session, folder, &replay::registry(registry), addition) {
         Ok(graph) => graph,
         Err(code) => return code,
     };
-    let made = begin(args).and_then(|begin| replay::made(&graph, &session, &begin));
+    let begin = match added {
+        Some(added) => Ok(Begin { nodes: added.nodes.clone(), scales: Vec::new() }),
+        None => begin(args),
+    };
+    let made = begin.and_then(|begin| replay::made(&graph, &session, &begin));
     let (made, remarks) = match made {
         Ok(made) => made,
         Err(sentence) => return complain(&sentence),
     };
-    if !args.quiet {
+    if !args.quiet && added.is_none() {
         say_what_is_made(&graph, made.iter().filter(|it| **it).count(), &remarks);
     }
     let mut graph = match playback::in_place(graph, &made, session) {
@@ -41,7 +60,13 @@ pub(super) fn run(args: &ReplayArgs, mut session: Session, folder: &Path, regist
 }
 
 /// The rig of the session, or the one that is given in its place, with the changed settings.
-fn load(args: &ReplayArgs, session: &mut Session, folder: &Path, registry: &Registry) -> Result<Graph, u8> {
+fn load(
+    args: &ReplayArgs,
+    session: &mut Session,
+    folder: &Path,
+    registry: &Registry,
+    addition: &str,
+) -> Result<Graph, u8> {
     let overrides = Overrides::default();
     let (path, mut text): (PathBuf, String) = match &args.rig {
         Some(path) => (path.clone(), load_quietly(path, registry, &overrides)?.resolved),
@@ -51,6 +76,7 @@ fn load(args: &ReplayArgs, session: &mut Session, folder: &Path, registry: &Regi
         let changed = setting(it).and_then(|(path, value)| replay::with_setting(&text, path, value));
         text = changed.map_err(|sentence| complain(&sentence))?;
     }
+    text += addition;
     rig::load(&text, &path, registry, &overrides).map_err(|faults| {
         eprint!("{}", faults.render(wants_color()));
         exit::INPUT

@@ -1,6 +1,6 @@
 //! `foveate replay`: a session again, from its file alone.
 
-mod changed;
+pub(super) mod changed;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -45,9 +45,27 @@ pub struct ReplayArgs {
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+    /// Results are not summed up on the terminal: they are read further.
+    #[arg(skip)]
+    is_step: bool,
 }
 
 impl ReplayArgs {
+    /// A replay into the folder `out`, whose results are read further.
+    pub(super) fn step(session: &Path, out: Option<&Path>, quiet: bool) -> ReplayArgs {
+        ReplayArgs {
+            session: session.to_owned(),
+            out: out.map(Path::to_owned),
+            from: Vec::new(),
+            from_scale: Vec::new(),
+            set: Vec::new(),
+            rig: None,
+            paced: false,
+            quiet,
+            is_step: true,
+        }
+    }
+
     fn changes_anything(&self) -> bool {
         !self.from.is_empty() || !self.from_scale.is_empty() || !self.set.is_empty() || self.rig.is_some()
     }
@@ -63,7 +81,7 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
         Err(sentence) => return complain(&sentence),
     };
     if args.changes_anything() {
-        return changed::run(args, session, &files.0, registry);
+        return changed::run(args, session, &files.0, registry, None);
     }
     let mut graph = match replay::load(&mut session, &files.0, registry) {
         Ok(graph) => graph,
@@ -92,7 +110,7 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
 }
 
 /// Runs into a results folder, and writes and shows what comes of it.
-fn into_folder(
+pub(super) fn into_folder(
     args: &ReplayArgs,
     graph: &Graph,
     run: impl FnOnce(&Options, &mut dyn FnMut(&Progress)) -> Result<Outcome, NodeError>,
@@ -118,7 +136,7 @@ fn into_folder(
     let outcome = run(&options, &mut observe);
     line.end();
     match outcome {
-        Ok(outcome) => conclude(args.quiet, graph, &outcome, &folder),
+        Ok(outcome) => conclude(args.quiet || args.is_step, graph, &outcome, &folder),
         Err(error) => {
             folder.take_back(&results::BEFORE_THE_RUN);
             complain(&error.to_string())
