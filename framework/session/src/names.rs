@@ -63,6 +63,12 @@ impl GraphNames {
             outputs: graph.instances.iter().map(|it| outputs(&it.node_type.ports)).collect(),
         }
     }
+
+    /// The topics of all outputs, node by node.
+    pub fn topics(&self) -> Vec<String> {
+        let of_node = |(path, outputs): (&String, &Vec<String>)| outputs.iter().map(|it| topic(path, it)).collect();
+        self.instances.iter().zip(&self.outputs).flat_map::<Vec<String>, _>(of_node).collect()
+    }
 }
 
 #[cfg(test)]

@@ -32,6 +32,8 @@ const PAUSE: Duration = Duration::from_millis(5);
 const LEDGERS_NS: i64 = 1_000_000_000;
 /// Names of messages that are pictures, which are left out first.
 const PICTURES: [&str; 3] = ["image", "pattern_pictures", "silhouette"];
+/// Names of messages that are recorded although no edge carries them: people read them after the run.
+const FOR_PEOPLE: [&str; 1] = ["line_traffic"];
 
 /// What is recorded, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -175,11 +177,11 @@ pub(crate) fn is_picture(graph: &Graph, instance: usize, port: usize) -> bool {
     PICTURES.contains(&graph.instances[instance].node_type.ports.outputs[port].message.name)
 }
 
-/// Whether the messages of an output port are recorded. What no edge carries is not, nor are pictures that only sinks take.
+/// Whether the messages of an output port are recorded. What no edge carries is not, unless it is [for people](FOR_PEOPLE), nor are pictures that only sinks take.
 pub(crate) fn is_wanted(graph: &Graph, instance: usize, port: usize, with_pictures: bool) -> bool {
     let output = &graph.instances[instance].node_type.ports.outputs[port];
     let mut consumers = graph.edges.iter().filter(|it| it.from == (instance, port)).map(|it| it.to.0);
-    let is_used = consumers.clone().next().is_some();
+    let is_used = consumers.clone().next().is_some() || FOR_PEOPLE.contains(&output.message.name);
     let only_shown = consumers.all(|it| graph.instances[it].node_type.role == Role::Sink);
     let is_picture_wanted = !is_picture(graph, instance, port) || (with_pictures && !only_shown);
     output.message.wire.codec().is_some() && is_used && is_picture_wanted

@@ -115,13 +115,15 @@ pub fn load(session: &mut Session, folder: &Path, known: &Registry) -> Result<Gr
     graph.resolved = session.text(names::RIG)?;
     let recorded = session.graph()?;
     let here = GraphNames::of(&graph);
-    if recorded != here {
+    if !is_arranged(&recorded, &here) {
         let first = |a: &[String], b: &[String]| {
             let n = a.iter().zip(b).take_while(|it| it.0 == it.1).count();
             let name = |list: &[String]| list.get(n).map_or_else(|| "nothing".to_owned(), |it| format!("`{it}`"));
             (a != b).then(|| format!("{} stood where {} stands now", name(a), name(b)))
         };
-        let what = first(&recorded.instances, &here.instances).or(first(&recorded.edges, &here.edges));
+        let what = first(&recorded.instances, &here.instances)
+            .or(first(&recorded.edges, &here.edges))
+            .or(first(&recorded.topics(), &here.topics()));
         return Err(LoadError::Session(format!(
             "`{}` was recorded by foveate {}, which arranges its rig in another way: {}",
             session.path.display(),
@@ -130,6 +132,13 @@ pub fn load(session: &mut Session, folder: &Path, known: &Registry) -> Result<Gr
         )));
     }
     Ok(graph)
+}
+
+/// Whether a rig is arranged here as it was then. A node may have more outputs than then, behind those that it had: the session has no messages of them.
+fn is_arranged(then: &GraphNames, here: &GraphNames) -> bool {
+    let mut outputs = then.outputs.iter().zip(&here.outputs);
+    (&then.instances, &then.edges, then.outputs.len()) == (&here.instances, &here.edges, here.outputs.len())
+        && outputs.all(|(then, here)| here.starts_with(then))
 }
 
 /// Why the rig of a session cannot be used.
@@ -310,6 +319,23 @@ mod tests {
     use super::*;
 
     const RIG: &str = "[rig]\nname = \"a\"\n\n[scale.face.node.marks]\ntype = \"x\"\nwindow_px = 15\n\n[scale.face.node.other]\nwindow_px = 15\n";
+
+    #[test]
+    fn a_session_from_before_an_output_was_added_is_arranged_as_here() {
+        let names = |outputs: [&[&str]; 2]| GraphNames {
+            instances: vec!["a".to_owned(), "b".to_owned()],
+            edges: vec!["a.x".to_owned()],
+            outputs: outputs.map(|it| it.iter().map(|it| (*it).to_owned()).collect()).to_vec(),
+        };
+        let then = names([&["x"], &["y", "z"]]);
+        let fits = |outputs: [&[&str]; 2]| is_arranged(&then, &names(outputs));
+        assert!(fits([&["x"], &["y", "z"]]) && fits([&["x", "line_traffic"], &["y", "z"]]));
+        assert!(
+            !fits([&["line_traffic", "x"], &["y", "z"]]) && !fits([&["x"], &["y"]]) && !fits([&["x"], &["z", "y"]])
+        );
+        assert!(!is_arranged(&then, &GraphNames { edges: Vec::new(), ..then.clone() }));
+        assert_eq!(then.topics(), ["/a/x", "/b/y", "/b/z"]);
+    }
 
     #[test]
     fn a_setting_is_replaced_or_added_at_its_node_alone() {

@@ -11,6 +11,7 @@ use std::time::Duration;
 use foveate::prelude::Time;
 
 use crate::driver::{CommandId, Counts, Driver, Event, Link};
+use crate::line_traffic::LineTraffic;
 use crate::port::{Port, Receiver, Sender};
 use crate::visca::{Command, OutOfRange};
 
@@ -65,6 +66,12 @@ impl Head {
     pub fn events(&self) -> Vec<Event> {
         let mut driven = self.shared.lock();
         std::iter::from_fn(|| driven.driver.next_event()).collect()
+    }
+
+    /// Frames and bytes since the last call, see [`Driver::traffic`].
+    pub fn traffic(&self) -> Option<LineTraffic> {
+        let mut driven = self.shared.lock();
+        driven.driver.traffic((self.shared.clock)())
     }
 
     /// State of the link.

@@ -6,6 +6,7 @@
 //! | [`driver`] | the state machine of sending and of replies: no line, no clock |
 //! | [`port`] | serial ports and UDP sockets |
 //! | [`head`] | a driver on its port, with a receiving thread |
+//! | [`line_traffic`] | the bytes on a line, as a message |
 //! | [`actuator`] | such a head as a node |
 //! | [`follow`] | a head that stays on a target: prediction, aim, speed |
 //!
@@ -24,6 +25,7 @@ pub mod calibrator;
 pub mod control;
 pub mod driver;
 pub mod head;
+pub mod line_traffic;
 mod patrol;
 pub mod port;
 pub mod pose;

@@ -6,9 +6,12 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use foveate_node::port::MessageType;
+use foveate_pan_tilt::line_traffic::{Direction, LinePiece, LineTraffic};
+use foveate_session::{Session, body};
 use serde_json::Value;
 
-use crate::the_program::{foveate, new_room, program};
+use crate::the_program::{foveate, new_room, program, root};
 
 /// What a replay does not make: what the simulated world writes, and how fast the machine was.
 const NOT_AGAIN: [&str; 4] = ["session.mcap", "timing.json", "truth.csv", "truth.calibration.toml"];
@@ -72,6 +75,70 @@ fn a_recorded_run_is_replayed_to_the_same_files_from_its_file_alone() {
     // A run that is recorded gives what one gives that is not.
     must(folder.path(), &["run", "room.toml", "--duration", "1.5", "--quiet", "--out", "plain", "--seed", "3"]);
     same_files("plain", &folder.path().join("simulated"), &folder.path().join("plain"));
+}
+
+/// Line traffic by topic, in the order of the file.
+fn line_traffic(path: &Path) -> BTreeMap<String, Vec<LinePiece>> {
+    let mut session = Session::open(path).unwrap();
+    let of_lines = session.summary.channels.values().filter(|it| it.metadata["message"] == "line_traffic");
+    let topics: BTreeMap<u16, String> = of_lines.map(|it| (it.id, it.topic.clone())).collect();
+    let mut found: BTreeMap<String, Vec<LinePiece>> = BTreeMap::new();
+    for chunk in 0..session.summary.chunks.len() {
+        session
+            .messages(chunk, |channel, _, bytes| {
+                let Some(topic) = topics.get(&channel) else { return Ok(()) };
+                let packet = body::decode(&MessageType::of::<LineTraffic>(), bytes)?;
+                let traffic = packet.as_typed::<LineTraffic>().unwrap();
+                assert_eq!(traffic.lost, 0);
+                found.entry(topic.clone()).or_default().extend(traffic.pieces.iter().cloned());
+                Ok(())
+            })
+            .unwrap();
+    }
+    found
+}
+
+#[test]
+fn a_session_holds_the_bytes_to_heads_and_their_answers_and_is_replayed_as_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for name in ["pan_tilt_follow.toml", "pan_tilt_follow.calibration.toml", "pan_tilt_follow.plan.toml"] {
+        fs::copy(root().join("graphs").join(name), at(name)).unwrap();
+    }
+    let run = ["run", "pan_tilt_follow.toml", "--duration", "4", "--quiet"];
+    must(folder.path(), &[&run[..], &["--record", "s.mcap", "--out", "recorded"]].concat());
+    must(folder.path(), &[&run[..], &["--out", "plain"]].concat());
+    same_files("plain", &at("recorded"), &at("plain"));
+
+    let traffic = line_traffic(&at("s.mcap"));
+    let topics: Vec<&str> = traffic.keys().map(String::as_str).collect();
+    let expected = ["head/ptz-1", "head_paper/ptz-paper", "head_still/ptz-still"];
+    assert_eq!(topics, expected.map(|it| format!("/close/{it}/line_traffic")));
+    for (topic, pieces) in &traffic {
+        assert!(pieces.windows(2).all(|it| it[0].time <= it[1].time), "{topic}");
+        let count = |direction: Direction, begin: &[u8]| {
+            pieces.iter().filter(|it| it.direction == direction && it.bytes.starts_with(begin)).count()
+        };
+        // Drives and moves, and that they were accepted; inquiries of the position, and their answers.
+        let (n_commands, n_accepted) =
+            (count(Direction::Sent, &[0x81, 0x01, 0x06]), count(Direction::Received, &[0x90, 0x41]));
+        let n_accepted = n_accepted + count(Direction::Received, &[0x90, 0x42]);
+        assert!(n_commands > 2 && n_accepted.abs_diff(n_commands) < 5, "{topic}: {n_commands}, {n_accepted} accepted");
+        let (n_asked, n_said) =
+            (count(Direction::Sent, &[0x81, 0x09, 0x06, 0x12, 0xFF]), count(Direction::Received, &[0x90, 0x50]));
+        assert!(n_asked > 20 && n_said.abs_diff(n_asked) < 5, "{topic}: {n_asked} inquiries, {n_said} answers");
+    }
+    let info = must(folder.path(), &["info", "s.mcap"]);
+    assert!(topics.iter().all(|it| info.contains(it)), "{info}");
+
+    // Heads and all that is simulated are not made again: what the others write is the same.
+    must(folder.path(), &["replay", "s.mcap", "--quiet", "--out", "again"]);
+    let (recorded, again) = (files(&at("recorded")), files(&at("again")));
+    assert!(again.contains_key("summary.json"), "{:?}", again.keys());
+    for (name, bytes) in &again {
+        assert!(recorded.get(name) == Some(bytes), "`{name}` differs");
+    }
+    must(folder.path(), &["replay", "s.mcap", "--quiet", "--from", "close.pose", "--out", "pose"]);
 }
 
 #[test]

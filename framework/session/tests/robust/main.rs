@@ -1,4 +1,5 @@
 //! Sessions survive what happens to files: kills, power cuts, flipped bits, lengths that lie, readers of others.
+//! What no edge carries is in `unwired`.
 
 mod changes;
 mod damage;
@@ -7,3 +8,4 @@ mod lengths;
 mod mutations;
 mod parts;
 mod readers;
+mod unwired;

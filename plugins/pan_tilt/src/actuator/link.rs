@@ -9,6 +9,7 @@ use foveate::prelude::{Interval, Time};
 use super::{STOP, Way};
 use crate::driver::{CommandId, Counts, Driver, Event, Medium};
 use crate::head::Head;
+use crate::line_traffic::LineTraffic;
 use crate::port::Port;
 use crate::visca::{Command, OutOfRange};
 
@@ -142,6 +143,18 @@ impl Way {
                 it.news.drain(..).map(|event| event.later_by(offset)).collect()
             }
             Way::Nothing | Way::Port(_) => Vec::new(),
+        }
+    }
+
+    /// Frames and bytes since the last call, on the clock of the session.
+    pub(super) fn traffic(&mut self, now: Time) -> Option<LineTraffic> {
+        match self {
+            Way::Simulated(it) => it.driver.traffic(now),
+            Way::Device(it) => {
+                let offset = it.offset?;
+                Some(it.head.traffic()?.later_by(offset))
+            }
+            Way::Nothing | Way::Port(_) => None,
         }
     }
 

@@ -3,6 +3,8 @@
 //! The driver is the same on hardware and in simulation. On hardware (`port` of [`ActuatorSettings`]) it has a thread that listens, and commands are
 //! written by the thread that brings them; a rig with such a node is live. In simulation it talks over the [`Line`] at the input `line` on
 //! the clock of the run.
+//!
+//! All bytes on the line, both ways, come out as [`LineTraffic`]: a session records them whether or not an edge carries them.
 
 mod link;
 mod settings;
@@ -15,6 +17,7 @@ use foveate::node::Line;
 use foveate::prelude::*;
 
 use crate::driver::{CommandId, Driver, Event, Link, Medium, What};
+use crate::line_traffic::LineTraffic;
 use crate::port::Port;
 use crate::visca::{Answer, Command, PanDrive, TiltDrive};
 use link::{Device, Simulated};
@@ -25,6 +28,7 @@ ports! {
     COMMANDS: In<HeadCommand> = each("commands").optional();
     LINE: In<Line> = latest("line").optional();
     REPORT: Out<HeadReport> = "report";
+    LINE_TRAFFIC: Out<LineTraffic> = "line_traffic";
 }
 
 figures! {
@@ -168,6 +172,9 @@ impl Node for Actuator {
         self.way.turn(self.now);
         self.take_events(io);
         self.report(io);
+        if let Some(traffic) = self.way.traffic(self.now) {
+            io.emit_at(&LINE_TRAFFIC, self.now, traffic);
+        }
         Ok(())
     }
 

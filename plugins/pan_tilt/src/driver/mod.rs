@@ -17,17 +17,20 @@ pub mod events;
 mod pending;
 mod replies;
 pub mod settings;
+mod traffic;
 mod wire;
 
 use std::collections::VecDeque;
 
 use foveate::prelude::{ConfigError, Interval, Time};
 
+use crate::line_traffic::LineTraffic;
 use crate::visca::{Command, Inquiry, OutOfRange, Profile, Request};
 
 pub use events::{CommandId, Counts, Event, Failure, Link, What};
 use pending::{Part, PendingCommand, PendingCommands};
 pub use settings::DriverSettings;
+use traffic::Traffic;
 use wire::Wire;
 pub use wire::{Frame, Medium};
 
@@ -76,6 +79,7 @@ pub struct Driver {
     zoom: Watch,
     last_id: CommandId,
     events: VecDeque<Event>,
+    traffic: Traffic,
     counts: Counts,
 }
 
@@ -172,6 +176,7 @@ impl Driver {
             zoom: Watch::default(),
             last_id: CommandId(0),
             events: VecDeque::new(),
+            traffic: Traffic::default(),
             counts: Counts::default(),
         })
     }
@@ -237,6 +242,12 @@ impl Driver {
         self.events.pop_front()
     }
 
+    /// Frames and received bytes since the last call, each with the `now` that it was passed with; `None` if there are none. A packet whose end has not come
+    /// waits for it.
+    pub fn traffic(&mut self, now: Time) -> Option<LineTraffic> {
+        self.traffic.take(now)
+    }
+
     /// When the port should be opened; `None` if it is open.
     pub fn open_at(&self) -> Option<Time> {
         match self.phase {
@@ -262,6 +273,7 @@ impl Driver {
 
     /// Bytes that came in together: any piece of a serial stream, or one datagram.
     pub fn receive(&mut self, now: Time, bytes: &[u8]) {
+        self.traffic.receive(now, bytes, self.wire.medium());
         if matches!(self.phase, Phase::Closed { .. }) {
             return;
         }
@@ -275,6 +287,12 @@ impl Driver {
 
     /// The next frame to send; call it until it returns `None`, whenever bytes came in, a command was given, or [`wake`](Self::wake) has come.
     pub fn poll(&mut self, now: Time) -> Option<Frame> {
+        let frame = self.next_frame(now)?;
+        self.traffic.send(now, &frame.0);
+        Some(frame)
+    }
+
+    fn next_frame(&mut self, now: Time) -> Option<Frame> {
         let timeout = self.timeout();
         if let Some(awaited) = &mut self.awaited {
             if now < awaited.deadline {

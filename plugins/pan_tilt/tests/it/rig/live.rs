@@ -7,6 +7,7 @@ use std::thread;
 
 use foveate::prelude::*;
 use foveate_embed::engine::{self, Options, Outcome};
+use foveate_pan_tilt::line_traffic::Direction;
 use foveate_sim::head::serve::serve_udp;
 use foveate_sim::head::{HeadSettings, NetworkHead};
 
@@ -22,7 +23,7 @@ fn run_live(port: &str, orders: &str, mut is_enough: impl FnMut(&Heard) -> bool)
         [scale.room.node.listener]
         type = "test.listener"
         camera = "wide-3"
-        in = { reports = "head.report" }
+        in = { reports = "head.report", traffic = "head.line_traffic" }
     "#;
     let head = format!("in = {{ commands = \"orders.commands\" }}\nport = \"{port}\"\nretry_max_ms = 300");
     let (graph, heard) = load(&rig_text(PATIENCE_S, orders, &head, listener)).unwrap();
@@ -78,6 +79,13 @@ fn a_head_on_udp_is_driven() {
         let ages = heard.reports.iter().flat_map(|(at, report)| report.events.last().map(|it| *at - it.0));
         assert!(ages.clone().all(|it| it >= Interval(0)), "{:?}", ages.min());
         assert_eq!(outcome.report.figures["heads.wide-3.sent"], 1.0);
+        // The command as bytes: 12° are 106 units to the right.
+        let pieces: Vec<_> = heard.traffic.iter().flat_map(|it| &it.1.pieces).collect();
+        let command = [0x81, 1, 6, 2, 24, 20, 0, 0, 6, 0xA, 0, 0, 0, 0, 0xFF];
+        let command = pieces.iter().find(|it| it.direction == Direction::Sent && it.bytes.ends_with(&command)).unwrap();
+        assert_eq!(command.time, sent);
+        let acknowledged = pieces.iter().find(|it| it.bytes.ends_with(&[0x90, 0x41, 0xFF])).unwrap();
+        assert!(acknowledged.direction == Direction::Received && acknowledged.time >= sent, "{acknowledged:?}");
     });
 }
 

@@ -4,3 +4,4 @@ mod faults;
 mod live;
 mod loops;
 mod parts;
+mod traffic;

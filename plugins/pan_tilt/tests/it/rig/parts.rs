@@ -1,10 +1,13 @@
-//! A rig with one head: who commands it, and who listens.
+//! A rig with one head: what commands it, what listens, and what lies in its line.
 
 use std::sync::{Arc, Mutex};
 
+use foveate::node::Device;
+use foveate::node::Line;
 use foveate::prelude::*;
 use foveate_embed::engine::{self, Options, Outcome};
 use foveate_embed::rig::{self, Overrides};
+use foveate_pan_tilt::line_traffic::{Direction, LinePiece, LineTraffic};
 use foveate_sim::head::HeadMotion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,6 +77,7 @@ impl Node for Orders {
 const REPORTS: In<HeadReport> = In::each(0, "reports");
 const MOTION: In<HeadMotion> = In::latest(1, "motion").optional();
 const FEATURES: In<Features> = In::each(2, "features").optional();
+const TRAFFIC: In<LineTraffic> = In::each(3, "traffic").optional();
 
 /// What was heard in a run.
 #[derive(Default)]
@@ -85,6 +89,10 @@ pub struct Heard {
     /// Capture times and features.
     pub features: Vec<(Time, Features)>,
     pub motion: Option<HeadMotion>,
+    /// When line traffic came, and it.
+    pub traffic: Vec<(Time, LineTraffic)>,
+    /// Each write and read at a `test.tap`.
+    pub tapped: Vec<LinePiece>,
     next: u64,
 }
 
@@ -102,7 +110,7 @@ impl Node for Listener {
     type Settings = ListenerSettings;
 
     fn ports() -> Ports {
-        Ports::new().input(&REPORTS).input(&MOTION).input(&FEATURES)
+        Ports::new().input(&REPORTS).input(&MOTION).input(&FEATURES).input(&TRAFFIC)
     }
 
     fn new(_settings: ListenerSettings, _setup: &Setup) -> Result<Self, ConfigError> {
@@ -122,7 +130,74 @@ impl Node for Listener {
         if let Some(features) = io.take(&FEATURES) {
             heard.features.push((features.stamp.time, (*features.value).clone()));
         }
+        if let Some(traffic) = io.take(&TRAFFIC) {
+            heard.traffic.push((io.now(), (*traffic.value).clone()));
+        }
         Ok(())
+    }
+}
+
+const TO_HEAD: In<Line> = In::each(0, "line");
+const TAPPED: Out<Line> = Out::new(0, "line");
+
+/// Passes a line on, and keeps what goes over it.
+struct Tap(Arc<Mutex<Heard>>);
+
+/// Settings of [`Tap`]: none.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+struct TapSettings {}
+
+impl Node for Tap {
+    const TYPE: &'static str = "test.tap";
+    const ROLE: Role = Role::Actuator;
+    const SUMMARY: &'static str = "Keeps what goes over a line";
+    type Settings = TapSettings;
+
+    fn ports() -> Ports {
+        Ports::new().input(&TO_HEAD).output(&TAPPED)
+    }
+
+    fn new(_settings: TapSettings, _setup: &Setup) -> Result<Self, ConfigError> {
+        Ok(Tap(Arc::default()))
+    }
+
+    fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
+        if let Some(line) = io.take(&TO_HEAD) {
+            let device = TappedDevice { device: (*line.value).clone(), heard: Arc::clone(&self.0) };
+            io.emit(&TAPPED, line.stamp, Line::new(Arc::new(Mutex::new(device))));
+        }
+        Ok(())
+    }
+}
+
+struct TappedDevice {
+    device: Line,
+    heard: Arc<Mutex<Heard>>,
+}
+
+impl TappedDevice {
+    fn keep(&self, time: Time, direction: Direction, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.heard.lock().unwrap().tapped.push(LinePiece { time, direction, bytes: bytes.to_vec() });
+        }
+    }
+}
+
+impl Device for TappedDevice {
+    fn write(&mut self, now: Time, bytes: &[u8]) {
+        self.keep(now, Direction::Sent, bytes);
+        self.device.device().write(now, bytes);
+    }
+
+    fn read(&mut self, now: Time, bytes: &mut Vec<u8>) {
+        let known = bytes.len();
+        self.device.device().read(now, bytes);
+        self.keep(now, Direction::Received, &bytes[known..]);
+    }
+
+    fn has_datagrams(&self) -> bool {
+        self.device.device().has_datagrams()
     }
 }
 
@@ -180,6 +255,8 @@ pub fn load(text: &str) -> Result<(foveate_embed::rig::graph::Graph, Arc<Mutex<H
     registry.add::<Orders>();
     let ears = Arc::clone(&heard);
     registry.add_with::<Listener>(move |_, _| Ok(Listener(Arc::clone(&ears))));
+    let ears = Arc::clone(&heard);
+    registry.add_with::<Tap>(move |_, _| Ok(Tap(Arc::clone(&ears))));
     let path = foveate_testkit::data::workspace_root().join("graphs/head-test.toml");
     let graph = rig::load(text, &path, &registry, &Overrides::default()).map_err(|faults| faults.to_string())?;
     Ok((graph, heard))
