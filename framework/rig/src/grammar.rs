@@ -285,6 +285,16 @@ pub(super) mod record {
         Kind::Other,
         "How the pictures of single cameras are recorded, by name or pattern; the first that matches decides.",
     );
+    pub const HIDE_PX: Key = Key::new(
+        "hide_px",
+        Kind::Other,
+        "Parts of pictures that are recorded black, by camera or pattern: rectangles `[left, top, width, height]` [px].",
+    );
+    pub const HIDE_SCALES: Key = Key::new(
+        "hide_scales",
+        Kind::Other,
+        "Scales, such as a face, that are recorded black in pictures of other scales; their own pictures are not recorded.",
+    );
     pub const COMPRESSION: Key =
         Key::new("compression", Kind::Word(&const { words(&PACKINGS) }), "How the file is compressed.")
             .or(|| json!("lz4"));
@@ -294,7 +304,8 @@ pub(super) mod record {
         "What may wait for the disk; beyond that a live run leaves pictures out [MB].",
     )
     .or(|| json!(256));
-    pub const ALL: [&Key; 6] = [&FILE, &PICTURES, &JPEG_QUALITY, &CAMERAS, &COMPRESSION, &MEMORY_MB];
+    pub const ALL: [&Key; 8] =
+        [&FILE, &PICTURES, &JPEG_QUALITY, &CAMERAS, &HIDE_PX, &HIDE_SCALES, &COMPRESSION, &MEMORY_MB];
 }
 
 /// `[scale.NAME]`.

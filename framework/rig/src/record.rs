@@ -5,7 +5,7 @@ use toml::Spanned;
 use super::grammar::record as key;
 use crate::graph::{PictureForm, Record, SessionPacking};
 use foveate_diagnostics::Findings;
-use foveate_diagnostics::value::Value;
+use foveate_diagnostics::value::{Value, whole};
 
 /// How pictures are recorded, by their words in rigs.
 pub(super) const FORMS: [(&str, PictureForm); 3] =
@@ -33,6 +33,37 @@ pub(super) fn read(name: &Spanned<String>, value: Value<'_>, text: &str, finding
             if let Some(form) = findings.choice(pattern.get_ref(), &value, &FORMS) {
                 record.cameras.push((pattern.into_inner(), form));
             }
+        }
+    }
+    if let Some((name, value)) = keys.take_entry(key::HIDE_PX.name) {
+        let expected = "`{ \"CAMERA\" = [[LEFT, TOP, WIDTH, HEIGHT]] }`, cameras by name or pattern";
+        for (pattern, value) in
+            findings.table(&name, value, text, expected).map(|mut it| it.take_rest()).unwrap_or_default()
+        {
+            let rectangle = |it: &Value<'_>| -> Option<[u32; 4]> {
+                let numbers = it.get_ref().as_array()?.iter().map(|it| whole(it.get_ref().as_integer()?));
+                let numbers: Option<Vec<u32>> = numbers.map(|it| u32::try_from(it?).ok()).collect();
+                numbers?.try_into().ok()
+            };
+            let list = value.get_ref().as_array().and_then(|it| it.iter().map(rectangle).collect::<Option<Vec<_>>>());
+            match list {
+                Some(list) => record.hide_px.push((pattern.into_inner(), list)),
+                None => findings.not_as_expected(
+                    pattern.get_ref(),
+                    &value,
+                    "rectangles, `[[LEFT, TOP, WIDTH, HEIGHT]]` [px]",
+                ),
+            }
+        }
+    }
+    if let Some(value) = keys.take(key::HIDE_SCALES.name) {
+        let names = value.get_ref().as_array().and_then(|it| {
+            let names = it.iter().map(|it| it.get_ref().as_str().map(str::to_owned));
+            names.collect::<Option<Vec<_>>>()
+        });
+        match names {
+            Some(names) => record.hide_scales = names,
+            None => findings.not_as_expected(key::HIDE_SCALES.name, &value, "names of scales, as `[\"face\"]`"),
         }
     }
     if let Some((packing, _)) = key::COMPRESSION.word(&PACKINGS, &mut keys, findings) {

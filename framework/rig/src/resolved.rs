@@ -96,7 +96,7 @@ fn quoted_key(key: &str) -> String {
 }
 
 fn write_record(text: &mut String, record: &Record) {
-    use grammar::record::{CAMERAS, COMPRESSION, FILE, JPEG_QUALITY, MEMORY_MB, PICTURES};
+    use grammar::record::{CAMERAS, COMPRESSION, FILE, HIDE_PX, HIDE_SCALES, JPEG_QUALITY, MEMORY_MB, PICTURES};
     let form = |it: PictureForm| FORMS.iter().find(|word| word.1 == it).map_or("lossless", |word| word.0);
     let _ = writeln!(text, "\n[record]");
     if let Some(file) = &record.file {
@@ -108,6 +108,14 @@ fn write_record(text: &mut String, record: &Record) {
     let cameras: Vec<String> = cameras.collect();
     if !cameras.is_empty() {
         let _ = writeln!(text, "{} = {{ {} }}", CAMERAS.name, cameras.join(", "));
+    }
+    let hidden = record.hide_px.iter().map(|(name, list)| format!("{} = {list:?}", quoted_key(name)));
+    let hidden: Vec<String> = hidden.collect();
+    if !hidden.is_empty() {
+        let _ = writeln!(text, "{} = {{ {} }}", HIDE_PX.name, hidden.join(", "));
+    }
+    if !record.hide_scales.is_empty() {
+        line(text, HIDE_SCALES.name, &Value::from(record.hide_scales.clone()));
     }
     let packing = PACKINGS.iter().find(|it| it.1 == record.compression).map_or("lz4", |it| it.0);
     line(text, COMPRESSION.name, &Value::from(packing));

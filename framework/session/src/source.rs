@@ -11,7 +11,7 @@ use foveate_node::node::{Due, Node, Plan, Role};
 use foveate_node::port::{MessageType, Ports};
 use foveate_node::registry::Registry;
 use foveate_node::setup::Setup;
-use mcap::records::Channel;
+pub use mcap::records::Channel;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

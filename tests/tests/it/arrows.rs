@@ -30,7 +30,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     // What crosses between a program and a library is what nodes are made of.
     ("boundary", &["node"]),
     // A recording of a run is a rig and what an engine did with it.
-    ("session", &["engine", "messages", "node", "rig", "scene"]),
+    ("session", &["engine", "geometry", "messages", "node", "rig", "scene"]),
     ("plugin", &["boundary", "messages", "node"]),
     ("rig", &["diagnostics", "estimation", "messages", "node", "plot", "scene"]),
     ("engine", &["estimation", "messages", "node", "rig"]),

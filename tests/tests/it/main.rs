@@ -25,6 +25,7 @@ mod program;
 mod python_session;
 #[cfg(unix)]
 mod running;
+mod session_files;
 mod sessions;
 #[cfg(unix)]
 mod sim_head;

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use foveate_node::port::MessageType;
 use foveate_pan_tilt::line_traffic::{Direction, LinePiece, LineTraffic};
+use foveate_session::source::fact;
 use foveate_session::{Session, body};
 use serde_json::Value;
 
@@ -32,7 +33,7 @@ fn figure(folder: &Path, name: &str) -> f64 {
 }
 
 #[track_caller]
-fn must(folder: &Path, arguments: &[&str]) -> String {
+pub fn must(folder: &Path, arguments: &[&str]) -> String {
     let (code, said, complaint) = foveate(folder, arguments);
     assert_eq!(code, 0, "{arguments:?}\n{said}{complaint}");
     said + &complaint
@@ -40,7 +41,7 @@ fn must(folder: &Path, arguments: &[&str]) -> String {
 
 /// `foveate` refuses with exit code 2 and says all of `words`.
 #[track_caller]
-fn refuses(folder: &Path, arguments: &[&str], words: &[&str]) {
+pub fn refuses(folder: &Path, arguments: &[&str], words: &[&str]) {
     let (code, _, complaint) = foveate(folder, arguments);
     assert_eq!(code, 2, "{complaint}");
     words.iter().for_each(|it| assert!(complaint.contains(it), "`{it}` is not in:\n{complaint}"));
@@ -80,7 +81,7 @@ fn a_recorded_run_is_replayed_to_the_same_files_from_its_file_alone() {
 /// Line traffic by topic, in the order of the file.
 fn line_traffic(path: &Path) -> BTreeMap<String, Vec<LinePiece>> {
     let mut session = Session::open(path).unwrap();
-    let of_lines = session.summary.channels.values().filter(|it| it.metadata["message"] == "line_traffic");
+    let of_lines = session.summary.channels.values().filter(|it| fact(it, "message") == "line_traffic");
     let topics: BTreeMap<u16, String> = of_lines.map(|it| (it.id, it.topic.clone())).collect();
     let mut found: BTreeMap<String, Vec<LinePiece>> = BTreeMap::new();
     for chunk in 0..session.summary.chunks.len() {

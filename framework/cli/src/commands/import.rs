@@ -56,9 +56,10 @@ const PICTURES: [&str; 3] = ["jpg", "jpeg", "png"];
 /// Name of the calibration, beside the rig.
 const CALIBRATION: &str = "cameras.toml";
 
-fn rate(text: &str) -> Result<f64, String> {
+/// Pictures, rows or frames a second on the command line.
+pub(super) fn rate(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|it| (0.001..=100_000.0).contains(it));
-    number.ok_or_else(|| format!("found {text}, expected pictures a second, from 0.001 to 100000 [Hz]"))
+    number.ok_or_else(|| format!("found {text}, expected a rate from 0.001 to 100000 [Hz]"))
 }
 
 /// The pictures of one camera.

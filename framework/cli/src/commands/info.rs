@@ -5,14 +5,23 @@ use std::fmt::Write;
 use std::path::Path;
 
 use foveate_session::Session;
-use foveate_session::names::{FILES, ORDER, STATUS};
+use foveate_session::names::{FILES, ORDER, RIG, STATUS};
 
 use super::complain;
+use super::layout::layout;
 use crate::exit;
 use crate::output::say;
+use crate::results::write_whole;
 
-pub(super) fn run(path: &Path) -> u8 {
-    match Session::open(path).and_then(|mut it| describe(&mut it)) {
+pub(super) fn run(path: &Path, layout: Option<&Path>) -> u8 {
+    let describe = |mut session: Session| {
+        let text = describe(&mut session)?;
+        if let Some(path) = layout {
+            write_layout(&mut session, path)?;
+        }
+        Ok(text)
+    };
+    match Session::open(path).and_then(describe) {
         Ok(text) => {
             say(&text);
             exit::DONE
@@ -93,6 +102,17 @@ fn describe(session: &mut Session) -> Result<String, String> {
         session.summary.attachments.iter().map(|it| it.name.strip_prefix(FILES).unwrap_or(&it.name)).collect();
     line(format!("\nfiles: {}", files.join("  ")));
     Ok(text)
+}
+
+fn write_layout(session: &mut Session, path: &Path) -> Result<(), String> {
+    let rig: toml::Table =
+        session.text(RIG)?.parse().map_err(|error| format!("the rig of the session is no TOML: {error}"))?;
+    let scales = rig.get("scale").and_then(toml::Value::as_table);
+    // The outermost scale has no parent.
+    let outer = scales.and_then(|it| it.iter().find(|it| it.1.get("parent").is_none()));
+    let edges = session.graph()?.edges;
+    let layout = layout(session, outer.map_or("room", |it| it.0), &edges);
+    write_whole(path, layout.as_bytes())
 }
 
 /// A size for people.

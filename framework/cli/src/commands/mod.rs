@@ -11,6 +11,7 @@ pub mod figures;
 mod graph;
 mod import;
 mod info;
+mod layout;
 mod merge;
 mod motion_files;
 mod new;
@@ -62,6 +63,9 @@ enum Command {
         /// The session (MCAP)
         #[arg(value_hint = clap::ValueHint::FilePath)]
         session: PathBuf,
+        /// Write a layout of Foxglove and Lichtblick for this session, too
+        #[arg(long, value_name = "FILE.json", value_hint = clap::ValueHint::FilePath)]
+        layout: Option<PathBuf>,
     },
     /// Write what a session holds as videos, tables, C3D or GLB
     Export(export::ExportArgs),
@@ -273,7 +277,7 @@ impl Cli {
             Command::Cut(args) => cut::run(&args),
             Command::Merge(args) => merge::run(&args),
             Command::Report(args) => report::run(&args, registry),
-            Command::Info { session } => info::run(&session),
+            Command::Info { session, layout } => info::run(&session, layout.as_deref()),
             Command::Calibrate(args) => calibrate::run(&args, registry),
             Command::Eval(args) => eval::run(&args, registry),
             Command::Check { rig } => check::run(&rig, registry),

@@ -11,6 +11,10 @@ pub struct Record {
     pub jpeg_quality: u8,
     /// How those of single cameras are, by patterns of their names; the first that matches decides.
     pub cameras: Vec<(String, PictureForm)>,
+    /// Parts of pictures that are recorded black, by patterns of cameras' names: left, top, width, height [px].
+    pub hide_px: Vec<(String, Vec<[u32; 4]>)>,
+    /// Scales that are recorded black in pictures of other scales, and whose own pictures are not recorded.
+    pub hide_scales: Vec<String>,
     /// How the file is compressed.
     pub compression: SessionPacking,
     /// What may wait for the disk [MB].
@@ -24,6 +28,8 @@ impl Default for Record {
             pictures: PictureForm::Lossless,
             jpeg_quality: 90,
             cameras: Vec::new(),
+            hide_px: Vec::new(),
+            hide_scales: Vec::new(),
             compression: SessionPacking::Lz4,
             // Two seconds of 18 wide cameras: a disk pauses for less.
             memory_mb: 256,

@@ -88,7 +88,8 @@ fn a_recording_has_its_defaults_and_is_its_own_resolution() {
     assert_eq!(good(LAB).record, None);
     assert_eq!(good(&format!("{LAB}\n[record]\n")).record, Some(Record::default()));
     let text = "[record]\nfile = \"a.mcap\"\npictures = \"jpeg\"\njpeg_quality = 80\ncompression = \"zstd\"\nmemory_mb = 64\n\
-                cameras = { \"wide-*\" = \"none\", wide-9 = \"lossless\" }\n";
+                cameras = { \"wide-*\" = \"none\", wide-9 = \"lossless\" }\n\
+                hide_px = { \"wide-*\" = [[0, 1, 20, 30], [5, 5, 6, 6]] }\nhide_scales = [\"room\"]\n";
     let graph = good(&format!("{LAB}\n{text}"));
     let cameras = [("wide-*", PictureForm::None), ("wide-9", PictureForm::Lossless)];
     let record = Record {
@@ -96,6 +97,8 @@ fn a_recording_has_its_defaults_and_is_its_own_resolution() {
         pictures: PictureForm::Jpeg,
         jpeg_quality: 80,
         cameras: cameras.map(|(name, form)| (name.to_owned(), form)).into(),
+        hide_px: vec![("wide-*".to_owned(), vec![[0, 1, 20, 30], [5, 5, 6, 6]])],
+        hide_scales: vec!["room".to_owned()],
         compression: SessionPacking::Zstd,
         memory_mb: 64,
     };

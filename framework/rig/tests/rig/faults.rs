@@ -496,6 +496,8 @@ fn each_key_of_a_recording_is_checked() {
     refused("pictures = \"jpg\"", "44:12", "\"jpg\"", &["did you mean \"jpeg\"?"]);
     refused("jpeg_quality = 0", "44:16", "0", &["expected a whole number from 1 to 100"]);
     refused("cameras = { \"wide-1\" = \"raw\" }", "44:24", "\"raw\"", &["\"lossless\""]);
+    refused("hide_px = { \"wide-1\" = [[0, 0, 5]] }", "44:24", "[[0, 0, 5]]", &["[[LEFT, TOP, WIDTH, HEIGHT]]"]);
+    refused("hide_scales = \"face\"", "44:15", "\"face\"", &["names of scales"]);
     refused("compression = \"gzip\"", "44:15", "\"gzip\"", &["\"zstd\""]);
     refused("memory_mb = 1", "44:13", "1", &["expected a whole number from 16"]);
     refused("picture = \"jpeg\"", "44:1", "picture", &["did you mean `pictures`?"]);

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use foveate_capture::encoder::FilmForm;
+use foveate_messages::{Marks, Message, Targets};
 use foveate_node::Registry;
 use foveate_rig::{self as rig, Overrides};
 use foveate_session::names::topic;
+use foveate_session::source::fact;
 use foveate_session::{Session, replay as recorded};
 
 use super::complain;
@@ -43,6 +45,9 @@ pub struct ExportArgs {
     /// Targets and marks as an animated scene (GLB)
     #[arg(long, group = "what")]
     glb: bool,
+    /// Rows and frames a second, interpolated [Hz] [default: of tables each sample, of C3D and GLB that of the marks, or 60]
+    #[arg(long, value_name = "HZ", value_parser = super::import::rate)]
+    rate: Option<f64>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -109,6 +114,13 @@ fn added(
     if forms.iter().all(|it| !it.0) {
         return Ok(None);
     }
+    let points = [Targets::NAME, Marks::NAME];
+    let mut channels = session.summary.channels.values();
+    if !channels
+        .any(|it| points.contains(&fact(it, "message")) && session.summary.counts.get(&it.id).is_some_and(|it| *it > 0))
+    {
+        return Err(format!("`{}` holds neither targets nor marks", args.session.display()));
+    }
     let (path, text) = recorded::unpack(session, folder)?;
     let graph = rig::load(&text, &path, &recorded::registry(registry), &Overrides::default());
     let graph = graph.map_err(|faults| faults.render(wants_color()).trim_start_matches("error: ").to_owned())?;
@@ -118,7 +130,7 @@ fn added(
             let kind = output.message.name;
             let channel = session.channel(&topic(&instance.path, output.name));
             let is_there = channel.is_some_and(|it| session.summary.counts.get(&it.id).is_some_and(|it| *it > 0));
-            if !["targets", "marks"].contains(&kind) || !is_there {
+            if !points.contains(&kind) || !is_there {
                 continue;
             }
             let scale = &graph.scales[instance.scale].name;
@@ -127,9 +139,12 @@ fn added(
                 let sink = if sink.is_empty() { format!("export.{kind}") } else { (*sink).to_owned() };
                 let name = format!("export_{ending}_{}{port}", instance.node);
                 let file = format!("{scale}.{}{}.{ending}", instance.node, port.replace('_', "."));
+                // A table of marks has no rate of its own.
+                let rate = args.rate.filter(|_| sink != "export.marks");
+                let rate = rate.map_or_else(String::new, |it| format!("rate_hz = {it:?}\n"));
                 let _ = write!(
                     nodes.text,
-                    "\n[scale.{scale}.node.{name}]\ntype = \"{sink}\"\nfile = \"{file}\"\nin = {{ {kind} = \"{}.{}\" }}\n",
+                    "\n[scale.{scale}.node.{name}]\ntype = \"{sink}\"\nfile = \"{file}\"\n{rate}in = {{ {kind} = \"{}.{}\" }}\n",
                     instance.node, output.name
                 );
                 nodes.nodes.push(format!("{scale}.{name}"));
@@ -137,8 +152,5 @@ fn added(
             }
         }
     }
-    match nodes.nodes.is_empty() {
-        true => Err(format!("`{}` holds neither targets nor marks", args.session.display())),
-        false => Ok(Some(Sinks { nodes, files })),
-    }
+    Ok(Some(Sinks { nodes, files }))
 }
