@@ -1,12 +1,14 @@
 //! How fast sessions are written, and what recording costs a live rig of 18 wide and 4 narrow cameras.
 //!
 //! `write`: pictures of a dark room (a quarter of the levels noise of three bits) into a session, beside the same bytes into a plain file.
-//! `live`: the rig alone, then recorded; processor time of the whole process, and the age of pictures at their consumer.
+//! `live`: the rig alone, then beside a thread that writes as many bytes into a plain file, then recorded; processor time of the whole process, and the age of
+//! pictures at their consumer. `live NAME` measures one of them alone.
 
 use std::fs;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use foveate_engine::{self as engine, Options};
 use foveate_messages::{CameraId, Image, Interval, Stamp, Time};
@@ -21,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 const SIZE: [u32; 2] = [640, 480];
 const N_PICTURES: usize = 2500;
+const RATE_HZ: f64 = 18.0;
 
 fn main() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -29,7 +32,7 @@ fn main() {
         write(folder);
     }
     if wanted.as_deref() != Some("write") {
-        live(folder);
+        live(folder, std::env::args().nth(2).filter(|it| !it.starts_with('-')).as_deref());
     }
 }
 
@@ -77,7 +80,6 @@ fn write(folder: &Path) {
     }
     let mut rates: Vec<f64> = (0..5)
         .map(|_| {
-            use std::io::Write as _;
             let _ = fs::remove_file(&path);
             let mut file = std::io::BufWriter::with_capacity(1 << 20, fs::File::create(&path).unwrap());
             let began = Instant::now();
@@ -197,7 +199,7 @@ fn graph(folder: &Path, seconds: f64) -> Arc<Graph> {
     };
     let text = format!(
         "[rig]\nname = \"bench\"\ncalibration = \"bench.calibration.toml\"\nduration_s = {seconds}\n[scale.room]\n"
-    ) + &node("video", "lamp", "rate_hz = 18")
+    ) + &node("video", "lamp", &format!("rate_hz = {RATE_HZ:?}"))
         + &node("look", "look", "in = { image = \"video.image\" }");
     match rig::load(&text, &folder.join("bench.toml"), &registry, &Overrides::default()) {
         Ok(graph) => Arc::new(graph),
@@ -213,17 +215,33 @@ fn processor_s() -> f64 {
     (ticks(11) + ticks(12)) / 100.0
 }
 
-fn live(folder: &Path) {
+/// Writes the bytes of the rig's pictures into a plain file, and has the disk take them twice a second.
+fn plain(path: &Path, seconds: f64) {
+    let pictures: Vec<Image> = (1..=22).map(picture).collect();
+    let mut file = fs::File::create(path).unwrap();
+    let began = Instant::now();
+    for n in 0..(RATE_HZ * seconds) as u32 {
+        let due = Duration::from_secs_f64(f64::from(n) / RATE_HZ);
+        std::thread::sleep(due.saturating_sub(began.elapsed()));
+        pictures.iter().for_each(|it| file.write_all(&it.pixels).unwrap());
+        if n % (RATE_HZ / 2.0) as u32 == 0 {
+            file.sync_data().unwrap();
+        }
+    }
+}
+
+fn live(folder: &Path, only: Option<&str>) {
     let seconds = 10.0;
     let mut alone = 0.0;
     let choices = [
         ("alone", None),
+        ("plain file", None),
         ("raw", Some((Packing::None, Pictures::Lossless))),
         ("lz4", Some((Packing::Lz4, Pictures::Lossless))),
         ("zstd 1", Some((Packing::Zstd, Pictures::Lossless))),
         ("jpeg 90", Some((Packing::None, Pictures::Jpeg(90)))),
     ];
-    for (name, choice) in choices {
+    for (name, choice) in choices.into_iter().filter(|it| only.is_none_or(|only| it.0 == only)) {
         let graph = graph(folder, seconds);
         let path = folder.join("live.mcap");
         let _ = fs::remove_file(&path);
@@ -233,6 +251,8 @@ fn live(folder: &Path) {
                 packing,
                 pictures,
                 of_cameras: Vec::new(),
+                hide_px: Vec::new(),
+                hide_scales: Vec::new(),
                 memory: 256 << 20,
                 waits: false,
                 with_unused: false,
@@ -242,11 +262,18 @@ fn live(folder: &Path) {
             Recorder::begin(&graph, &recording, Host::default()).unwrap()
         });
         let before = processor_s();
+        let beside = (name == "plain file").then(|| {
+            let path = path.clone();
+            std::thread::spawn(move || plain(&path, seconds))
+        });
         let options = Options { tap: recorder.as_ref().map(Recorder::tap), ..Options::default() };
         let outcome = engine::live(graph, &options, &mut |_| {}).unwrap();
         let recorded = recorder.map(Recorder::finish).unwrap_or_default();
+        if let Some(it) = beside {
+            it.join().unwrap();
+        }
         let spent = (processor_s() - before) / seconds;
-        if choice.is_none() {
+        if name == "alone" {
             alone = spent;
         }
         let n: u64 = outcome.ledgers.iter().map(|it| it.delivered).sum();

@@ -2,19 +2,17 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::BufWriter;
 use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
+use crate::gathered::Gathered;
 use crate::names::PROFILE;
 use crate::records::seal;
 
 /// A chunk is closed when it holds so much [bytes].
-const CHUNK_BYTES: u64 = 4 << 20;
-/// What is gathered before the system is asked to write [bytes].
-const BUFFER_BYTES: usize = 1 << 20;
+const CHUNK_BYTES: usize = 4 << 20;
 
 /// How chunks are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -34,8 +32,10 @@ pub struct Channel(u16);
 
 /// An MCAP file that is being written.
 pub struct SessionFile {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<Gathered>,
     file: File,
+    /// Of messages in the chunk that is open.
+    n_bytes: usize,
     schemas: HashMap<String, u16>,
     sequences: HashMap<u16, u32>,
 }
@@ -65,12 +65,11 @@ impl SessionFile {
             // Zstd: the fastest level, on the recorder's thread alone. (LZ4 takes 0 for its fast mode.)
             .compression_level(u32::from(packing == Packing::Zstd))
             .compression_threads(0)
-            .chunk_size(Some(CHUNK_BYTES))
-            // A chunk is written when it is whole, so that a killed run leaves no part of one.
-            .disable_seeking(true)
+            // A flush closes a chunk, and nothing else does: a killed run leaves no part of one.
+            .chunk_size(None)
             .calculate_data_section_crc(false);
-        let writer = options.create(BufWriter::with_capacity(BUFFER_BYTES, again)).map_err(|error| failed(&error))?;
-        Ok(SessionFile { writer, file, schemas: HashMap::new(), sequences: HashMap::new() })
+        let writer = options.create(Gathered::new(again, path)).map_err(|error| failed(&error))?;
+        Ok(SessionFile { writer, file, n_bytes: 0, schemas: HashMap::new(), sequences: HashMap::new() })
     }
 
     /// A channel; `schema` is its name, encoding and bytes, where it has one.
@@ -111,7 +110,9 @@ impl SessionFile {
             publish_time: publish_ns.max(0).unsigned_abs(),
         };
         *sequence = sequence.wrapping_add(1);
-        self.writer.write_to_known_channel(&header, bytes).map_err(in_words)
+        self.writer.write_to_known_channel(&header, bytes).map_err(in_words)?;
+        self.n_bytes += bytes.len();
+        if self.n_bytes > CHUNK_BYTES { self.flush_to_system() } else { Ok(()) }
     }
 
     /// A file within the file.
@@ -151,6 +152,7 @@ impl SessionFile {
     /// # Errors
     /// Why it cannot be written.
     pub fn flush_to_system(&mut self) -> Result<(), String> {
+        self.n_bytes = 0;
         self.writer.flush().map_err(in_words)
     }
 

@@ -7,6 +7,8 @@ pub mod attach;
 pub mod body;
 pub mod cut;
 pub mod file;
+mod gathered;
+mod hidden;
 pub mod merge;
 pub mod names;
 pub mod order;

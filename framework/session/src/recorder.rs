@@ -3,14 +3,15 @@
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use foveate_engine::tap::{Entry, Event, Fate, LeftOut, Tap, Wanted};
 use foveate_messages::Image;
 use foveate_node::guard::guarded;
+use foveate_node::io::Packet;
 use foveate_node::{Host, Role};
 use foveate_rig::graph::{Graph, Instance, PictureForm, Record, SessionPacking};
 use foveate_scene::selection::matches;
@@ -18,6 +19,7 @@ use serde_json::json;
 
 use crate::attach::{self, Attached};
 use crate::file::{Channel, Packing, SessionFile};
+use crate::hidden::{Cover, Hidden};
 use crate::names::{self, GraphNames, topic};
 use crate::picture::Pictures;
 use crate::shown::Shown;
@@ -40,6 +42,10 @@ const FOR_PEOPLE: [&str; 1] = ["line_traffic"];
 pub struct Recording {
     /// The file, which must not be there yet.
     pub path: PathBuf,
+    /// Parts of pictures that are black, by patterns of cameras' names: left, top, width, height [px].
+    pub hide_px: Vec<(String, Vec<[u32; 4]>)>,
+    /// Scales that are black in pictures of other scales, and whose own pictures are not recorded.
+    pub hide_scales: Vec<String>,
     /// How it is compressed.
     pub packing: Packing,
     /// How pictures are recorded.
@@ -83,6 +89,8 @@ impl Recording {
             },
             pictures: form(rig.pictures),
             of_cameras: rig.cameras.iter().map(|(name, it)| (name.clone(), form(*it))).collect(),
+            hide_px: rig.hide_px.clone(),
+            hide_scales: rig.hide_scales.clone(),
             memory: rig.memory_mb as usize * 1_000_000,
             waits: false,
             with_unused: false,
@@ -119,8 +127,11 @@ impl Recorder {
     pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
         let camera =
             |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
-        let pictures: Vec<Pictures> = graph.instances.iter().map(|it| recording.form(camera(it))).collect();
-        let wanted = wanted(graph, &pictures, recording.with_unused);
+        let hidden = Hidden::new(graph, &recording.hide_px, &recording.hide_scales)?;
+        let form = |(index, it)| if hidden.is_whole(index) { Pictures::None } else { recording.form(camera(it)) };
+        let pictures: Vec<Pictures> = graph.instances.iter().enumerate().map(form).collect();
+        let mut wanted = wanted(graph, &pictures, recording.with_unused);
+        hidden.needs(|instance, port| wanted[instance][port] = Wanted::Yes);
         let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
         let attached = attach::gather(graph)?;
         let mut writing = Writing {
@@ -130,11 +141,14 @@ impl Recorder {
             left_out: BTreeMap::new(),
             wanted,
             pictures,
+            hidden,
             shown: Shown::new(Arc::clone(graph)),
             order: None,
             status: None,
             last_status: String::new(),
             body: Vec::new(),
+            // The rig has the other half of the cores.
+            n_threads: (std::thread::available_parallelism().map_or(1, usize::from) / 2).max(2),
             remarks: attached.missing.clone(),
             is_ended: false,
             now: 0,
@@ -201,14 +215,33 @@ fn wanted(graph: &Graph, pictures: &[Pictures], with_unused: bool) -> Vec<Vec<Wa
     (0..graph.instances.len()).map(|it| ports(it).map(|port| of_port(it, port)).collect()).collect()
 }
 
+/// Adds a message to `body`.
+fn encode(
+    graph: &Graph,
+    pictures: Pictures,
+    (instance, port): (usize, usize),
+    packet: &Packet,
+    body: &mut Vec<u8>,
+) -> Result<(), String> {
+    let payload: &dyn Any = &*packet.payload;
+    let Some(image) = payload.downcast_ref::<Image>() else {
+        return body::encode(&graph.instances[instance].node_type.ports.outputs[port].message, packet, body);
+    };
+    let frame = graph.calibration.cameras.get(usize::from(image.camera.0));
+    pictures.encode(&packet.stamp, image, frame.map_or("camera", |it| it.name.as_str()), body)
+}
+
 fn record(mut writing: Writing, tap: &Tap, is_abandoned: &AtomicBool, path: &Path, host: &Host) -> Recorded {
     let mut entries = VecDeque::new();
     let mut flushed = Instant::now();
     let mut failure = None;
-    while !writing.is_ended {
+    while !writing.is_ended || !entries.is_empty() {
         // Looked at before the tap is, so that what was recorded last is seen.
         let is_last = is_abandoned.load(Ordering::Relaxed);
-        tap.drain(&mut entries);
+        if entries.is_empty() {
+            tap.drain(&mut entries);
+            writing.hide(&mut entries);
+        }
         let was_empty = entries.is_empty();
         let written = guarded(|| {
             writing.take(&mut entries)?;
@@ -254,11 +287,14 @@ struct Writing {
     wanted: Vec<Vec<Wanted>>,
     /// By instance.
     pictures: Vec<Pictures>,
+    hidden: Hidden,
     shown: Shown,
     order: Option<Channel>,
     status: Option<Channel>,
     last_status: String,
     body: Vec<u8>,
+    /// That encode at the same time.
+    n_threads: usize,
     remarks: Vec<String>,
     is_ended: bool,
     /// Time of the last event [ns].
@@ -312,7 +348,7 @@ impl Writing {
         self.file.flush()
     }
 
-    /// Writes all that has happened.
+    /// Writes what has happened, up to as many pictures as are encoded at a time.
     fn take(&mut self, entries: &mut VecDeque<Entry>) -> Result<(), String> {
         let mut encoder = order::Encoder::default();
         let mut batch = Vec::new();
@@ -323,11 +359,14 @@ impl Writing {
         {
             self.zero_unix_ns = self.zero_unix_ns.min(since_1970.as_nanos() as i128 - i128::from(newest));
         }
-        while let Some(mut entry) = entries.pop_front() {
+        let (n_entries, mut encoded) = self.encode_ahead(entries);
+        for mut entry in entries.drain(..n_entries) {
             if let Event::Emitted { instance, port, is_kept, packet, .. } = &mut entry.event {
                 let (instance, port) = (*instance, *port);
                 if let Some(packet) = packet.take() {
-                    *is_kept = self.message(instance, port, &packet, entry.now.0)?;
+                    let is_ahead = self.is_slow(instance, &packet);
+                    let encoded = if is_ahead { encoded.pop_front() } else { None };
+                    *is_kept = self.message(instance, port, &packet, encoded, entry.now.0)?;
                 } else if self.wanted[instance][port] != Wanted::No {
                     self.count_left_out(instance, port);
                 }
@@ -372,6 +411,57 @@ impl Writing {
         self.shown.figures(&mut self.file, entry.now.0, &figures)
     }
 
+    /// Takes out of pictures what is not to be written.
+    fn hide(&mut self, entries: &mut VecDeque<Entry>) {
+        let is_any = self.hidden.is_any();
+        for entry in entries.iter_mut().filter(|_| is_any) {
+            let Event::Emitted { instance, is_kept, packet, .. } = &mut entry.event else { continue };
+            let Some(given) = packet else { continue };
+            self.hidden.see(given);
+            let Some(image) = given.as_typed::<Image>() else { continue };
+            match self.hidden.cover(*instance, given.stamp.time, image) {
+                Cover::Nothing => {}
+                Cover::Parts(image) => given.payload = Arc::new(image),
+                Cover::Unknown => (*is_kept, *packet) = (false, None),
+            }
+        }
+    }
+
+    /// Whether a message is encoded beside others.
+    fn is_slow(&self, instance: usize, packet: &Packet) -> bool {
+        let payload: &dyn Any = &*packet.payload;
+        matches!(self.pictures[instance], Pictures::Jpeg(_)) && payload.is::<Image>()
+    }
+
+    /// Encodes the first slow messages of `entries`, and says how many entries that covers.
+    fn encode_ahead(&self, entries: &VecDeque<Entry>) -> (usize, VecDeque<Result<Vec<u8>, String>>) {
+        // So many that the threads end at nearly the same time.
+        let most = 8 * self.n_threads;
+        let slow = entries.iter().enumerate().filter_map(|(place, it)| match &it.event {
+            Event::Emitted { instance, port, packet: Some(packet), .. } if self.is_slow(*instance, packet) => {
+                Some((place, *instance, *port, packet))
+            }
+            _ => None,
+        });
+        let slow: Vec<_> = slow.take(most).collect();
+        let n_entries = if slow.len() < most { entries.len() } else { slow[most - 1].0 + 1 };
+        let (graph, pictures) = (&*self.graph, &self.pictures);
+        let mut encoded = VecDeque::from(vec![Ok(Vec::new()); slow.len()]);
+        let queue = Mutex::new(slow.iter().zip(&mut encoded));
+        let work = || {
+            let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            while let Some((&(_, instance, port, packet), encoded)) = next() {
+                let mut body = Vec::new();
+                *encoded = encode(graph, pictures[instance], (instance, port), packet, &mut body).map(|()| body);
+            }
+        };
+        std::thread::scope(|scope| {
+            (1..self.n_threads.min(slow.len())).for_each(|_| drop(scope.spawn(work)));
+            work();
+        });
+        (n_entries, encoded)
+    }
+
     /// Topics that are not recorded.
     fn left_away(&self) -> Vec<String> {
         let graph = &self.graph;
@@ -408,28 +498,25 @@ impl Writing {
         *self.left_out.entry(topic(&it.path, it.node_type.ports.outputs[port].name)).or_default() += 1;
     }
 
-    /// Writes a message; `false` where it could not be turned into bytes.
+    /// Writes a message, which may be `encoded` already; `false` where it could not be turned into bytes.
     fn message(
         &mut self,
         instance: usize,
         port: usize,
-        packet: &foveate_node::io::Packet,
+        packet: &Packet,
+        encoded: Option<Result<Vec<u8>, String>>,
         now: i64,
     ) -> Result<bool, String> {
         let graph = Arc::clone(&self.graph);
         let node = &graph.instances[instance];
         let output = &node.node_type.ports.outputs[port];
-        self.body.clear();
-        let payload: &dyn Any = &*packet.payload;
-        let picture = payload.downcast_ref::<Image>();
         let pictures = self.pictures[instance];
-        let encoded = match picture {
-            Some(image) => {
-                let frame = graph.calibration.cameras.get(usize::from(image.camera.0));
-                let frame = frame.map_or("camera", |it| it.name.as_str());
-                pictures.encode(&packet.stamp, image, frame, &mut self.body)
+        let encoded = match encoded {
+            Some(encoded) => encoded.map(|it| self.body = it),
+            None => {
+                self.body.clear();
+                encode(&graph, pictures, (instance, port), packet, &mut self.body)
             }
-            None => body::encode(&output.message, packet, &mut self.body),
         };
         if let Err(what) = encoded {
             let sentence = format!("messages at `{}` of {} cannot be recorded: {what}", output.name, node.path);
@@ -446,9 +533,11 @@ impl Writing {
                 let codec = message.wire.codec().ok_or("a message that cannot leave its process")?;
                 let json = serde_json::to_vec(&codec.schema()).map_err(|error| error.to_string())?;
                 let described = pictures.kind().schema();
-                let (encoding, schema) = match picture {
-                    Some(_) => (Schema::ENCODING, (described.name, Schema::ENCODING, described.descriptor.as_slice())),
-                    None => (names::MESSAGE_ENCODING, (message.name, "jsonschema", json.as_slice())),
+                let payload: &dyn Any = &*packet.payload;
+                let is_picture = payload.is::<Image>();
+                let (encoding, schema) = match is_picture {
+                    true => (Schema::ENCODING, (described.name, Schema::ENCODING, described.descriptor.as_slice())),
+                    false => (names::MESSAGE_ENCODING, (message.name, "jsonschema", json.as_slice())),
                 };
                 let facts = [
                     ("instance", node.path.clone()),
@@ -457,7 +546,10 @@ impl Writing {
                     ("version", message.version.to_string()),
                     ("layout", format!("{:016x}", codec.layout())),
                     ("space", message.space.in_words()),
-                    ("is_lossy", matches!((picture, pictures), (Some(_), Pictures::Jpeg(_))).to_string()),
+                    (
+                        "is_lossy",
+                        (is_picture && (self.is_slow(instance, packet) || self.hidden.hides(instance))).to_string(),
+                    ),
                 ];
                 let facts = facts.map(|(key, value)| (key.to_owned(), value)).into();
                 let topic = topic(&node.path, output.name);

@@ -7,5 +7,6 @@ mod kills;
 mod lengths;
 mod mutations;
 mod parts;
+mod pictures;
 mod readers;
 mod unwired;

@@ -178,6 +178,8 @@ pub fn recording(path: &Path, packing: Packing) -> Recording {
         packing,
         pictures: Pictures::Lossless,
         of_cameras: Vec::new(),
+        hide_px: Vec::new(),
+        hide_scales: Vec::new(),
         memory: 256 << 20,
         with_unused: false,
         waits: true,
