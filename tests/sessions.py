@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Runs recorded and replayed, killed, and cut as by a power cut; prints how many came back whole.
 
-Usage: python3 tests/sessions.py FOLDER (for recordings; made anew). The program is FOVEATE_PROGRAM, or that of a release build.
+Usage: python3 tests/sessions.py FOLDER [hour]. Recordings go into FOLDER, which is emptied. With `hour` an hour of a hall with two cameras is recorded
+instead, without pictures. The program is FOVEATE_PROGRAM, or that of a release build.
 """
 import json
 import os
@@ -43,6 +44,26 @@ def busy(folder):
     return path
 
 
+def failing(folder):
+    """The room with a filter that dies at each 60th message and is made again."""
+    script = Path(folder) / "dies.py"
+    script.write_text(
+        f"import sys\nsys.path.insert(0, {str(ROOT / 'examples/python')!r})\nfrom foveate_node import run\n"
+        "n = 0\ndef filter(message):\n    global n\n    n += 1\n    if n == 60:\n        sys.exit('the 60th')\n"
+        "    return [('targets', message.value)]\nrun({'targets': filter})\n"
+    )
+    for name in ("lab.plan.toml", "face_body.calibration.toml"):
+        shutil.copy(ROOT / "graphs" / name, folder)
+    rig = (ROOT / "graphs/room.toml").read_text()
+    path = Path(folder) / "failing.toml"
+    path.write_text(
+        f'{rig}\n[scale.room.node.dies]\ntype = "process.filter"\ncommand = ["{sys.executable}", "dies.py"]\non_error = "restart"\n'
+        'in = { targets = "targets.targets" }\n[scale.room.node.after]\ntype = "export.targets"\nfile = "after.csv"\n'
+        'in = { targets = "dies.targets" }\n'
+    )
+    return path
+
+
 def replayed(rig, seed, live, folder):
     """Records one run and replays it from its file alone; whether every file is the same, and how many messages were dropped."""
     run = folder / "run"
@@ -50,9 +71,9 @@ def replayed(rig, seed, live, folder):
     arguments = ["run", rig, "--seed", seed, "--duration", 3, "--quiet", "--record", session, "--out", run]
     ended = foveate(*arguments, *(["--live"] if live else []))
     again = foveate("replay", session, "--quiet", "--out", folder / "again")
-    if ended.returncode not in (0, 3) or again.returncode != ended.returncode:
+    if ended.returncode not in (0, 2, 3) or again.returncode != ended.returncode:
         print(f"{rig} {seed} live={live}: {ended.stderr[-500:]}{again.stderr[-500:]}", file=sys.stderr)
-        return False, 0
+        return False, 0, 0
     a, b = files(run), files(folder / "again")
     # What simulated judges write, and how fast it was.
     judged = {name for name in a if name not in b and ("score" in name or name.startswith("marks_"))}
@@ -61,7 +82,8 @@ def replayed(rig, seed, live, folder):
     different = [name for name in a if name not in judged and a[name] != b.get(name)]
     if different:
         print(f"{rig} {seed} live={live}: {different} differ", file=sys.stderr)
-    return not different, json.loads((run / "summary.json").read_text())["messages.dropped"]
+    summary = json.loads((run / "summary.json").read_text())
+    return not different, summary["messages.dropped"], summary["faults"]
 
 
 def killed(seed, folder):
@@ -102,9 +124,62 @@ def cut(whole, seed, folder):
     return good
 
 
+# Opens a file as foveate's own reader has to, and reads the first message at each of the times.
+PEER = """
+import sys, time
+from mcap.reader import make_reader
+took = []
+for at in sys.argv[2:]:
+    began = time.perf_counter()
+    with open(sys.argv[1], "rb") as file:
+        next(make_reader(file).iter_messages(start_time=int(float(at) * 1e9)))
+    took.append((time.perf_counter() - began) * 1e3)
+took.sort()
+print(f"PyPI mcap opens and reads at any time: median {took[len(took) // 2]:.1f} ms, worst {took[-1]:.1f} ms")
+"""
+
+
+def memory_mb(*arguments):
+    """Runs the program; the most memory that it had."""
+    child = subprocess.Popen([PROGRAM, *map(str, arguments)], cwd=ROOT)
+    _, status, usage = os.wait4(child.pid, 0)
+    assert os.waitstatus_to_exitcode(status) in (0, 3), arguments
+    return usage.ru_maxrss / 1e3
+
+
+def hour(out):
+    """Memory of a recording by its length, and the time to any place in an hour."""
+    rig = out / "hall.toml"
+    subprocess.run([PROGRAM, "new", "rig", "hall", "--cameras", "2"], cwd=out, check=True, capture_output=True)
+    on_top = {}
+    for seconds in (60, 3600):
+        run = ["run", rig, "--duration", seconds, "--quiet", "--out", out / "run"]
+        plain = memory_mb(*run)
+        session = out / f"{seconds}.mcap"
+        on_top[seconds] = memory_mb(*run, "--record", session) - plain
+        print(f"recording of {seconds} s: {session.stat().st_size / 1e9:.2f} GB, {on_top[seconds]:.0f} MB of memory on top", flush=True)
+    print(f"memory of an hour's recording less that of a minute's: {on_top[3600] - on_top[60]:.0f} MB", flush=True)
+    draw = random.Random(30001)
+    times = [draw.uniform(0, 3599) for _ in range(20)]
+    took = []
+    for n, at in enumerate(times):
+        part = out / f"part{n}.mcap"
+        began = time.perf_counter()
+        assert foveate("cut", session, part, "--start", at, "--end", at + 0.05).returncode == 0
+        took.append((time.perf_counter() - began) * 1e3)
+    took.sort()
+    print(f"a twentieth of a second cut out of it: median {took[10]:.1f} ms, worst {took[-1]:.1f} ms", flush=True)
+    if "FOVEATE_PEER_PYTHON" in os.environ:
+        subprocess.run([os.environ["FOVEATE_PEER_PYTHON"], "-c", PEER, str(session), *map(str, times)], check=True)
+
+
 def main():
-    out = Path(sys.argv[1])
+    out = Path(sys.argv[1]).absolute()
     shutil.rmtree(out, ignore_errors=True)
+    if sys.argv[2:] == ["hour"]:
+        out.mkdir(parents=True)
+        hour(out)
+        return shutil.rmtree(out)
 
     def each(name, count, what):
         good = 0
@@ -116,20 +191,20 @@ def main():
         return good
 
     out.mkdir(parents=True)
-    rigs = ["graphs/room.toml", "graphs/face_body.toml", "graphs/two_targets.toml", busy(out)]
-    dropped = [0]
+    rigs = ["graphs/room.toml", "graphs/face_body.toml", "graphs/two_targets.toml", busy(out), failing(out)]
+    counts = [0, 0]
 
     def one(live):
         def run(n, folder):
-            same, lost = replayed(rigs[n % len(rigs)], 30001 + n, live, folder)
-            dropped[0] += lost
+            same, *found = replayed(rigs[n % len(rigs)], 30001 + n, live, folder)
+            counts[:] = [sum(it) for it in zip(counts, found)]
             return same
 
         return run
 
     print(f"simulated runs replayed to the same bytes: {each('simulated', 20, one(False))} of 20", flush=True)
     print(f"live runs replayed to the same bytes: {each('live', 20, one(True))} of 20", flush=True)
-    print(f"messages dropped in these runs: {dropped[0]}", flush=True)
+    print(f"in these runs: {counts[0]} messages dropped, {counts[1]} failures of a node that was made again", flush=True)
     print(f"killed runs that open and replay: {each('killed', 20, lambda n, folder: killed(30001 + n, folder))} of 20", flush=True)
     whole = out / "whole.mcap"
     foveate("run", "graphs/room.toml", "--live", "--duration", 3, "--quiet", "--record", whole, "--out", out / "whole")

@@ -91,6 +91,14 @@ fn write(folder: &Path) {
     rates.sort_by(f64::total_cmp);
     println!("plain file: {:.0} MB/s median, {:.0} at worst", rates[2], rates[0]);
     let _ = fs::remove_file(&path);
+    let Some(python) = std::env::var_os("FOVEATE_PEER_PYTHON") else {
+        return println!("PyPI mcap: FOVEATE_PEER_PYTHON names no python");
+    };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peer_mcap.py");
+    match std::process::Command::new(python).arg(script).arg(folder).status() {
+        Ok(status) if status.success() => {}
+        other => println!("PyPI mcap: {other:?}"),
+    }
 }
 
 /// Settings of [`Lamp`].

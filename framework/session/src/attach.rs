@@ -3,7 +3,7 @@
 //! Settings of nodes that name a file, and the calibration, get a name within the session; `rig.replay.toml` is the rig with those names. What sources read is not taken along: they
 //! are not made in a replay.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
@@ -28,6 +28,8 @@ pub struct Attached {
     pub rig: String,
     /// Files by name, below `files/`.
     pub files: BTreeMap<String, Vec<u8>>,
+    /// Those of them that are programs.
+    pub programs: BTreeSet<String>,
     /// Sentences about what could not be taken along.
     pub missing: Vec<String>,
 }
@@ -127,7 +129,9 @@ impl Gathering<'_> {
     fn take(&mut self, text: &str, within: &str, largest: u64) -> bool {
         let Ok(path) = expand_path(text, &self.graph.rig_dir) else { return false };
         let Ok(facts) = fs::metadata(&path) else { return false };
-        if !facts.is_file() {
+        let is_program = is_program(&facts);
+        // A program of the machine, such as an interpreter, works where it is.
+        if !facts.is_file() || (is_program && Path::new(text).is_absolute()) {
             return false;
         }
         if facts.len() > largest {
@@ -138,7 +142,11 @@ impl Gathering<'_> {
         }
         match fs::read(&path) {
             Ok(bytes) => {
-                self.attached.files.insert(format!("{FILES}{within}"), bytes);
+                let name = format!("{FILES}{within}");
+                if is_program {
+                    self.attached.programs.insert(name.clone());
+                }
+                self.attached.files.insert(name, bytes);
                 true
             }
             Err(error) => {
@@ -180,17 +188,38 @@ impl Gathering<'_> {
     }
 }
 
+#[cfg(unix)]
+fn is_program(facts: &fs::Metadata) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+    facts.permissions().mode() & 0o111 != 0
+}
+
+#[cfg(not(unix))]
+fn is_program(_: &fs::Metadata) -> bool {
+    false
+}
+
 /// FNV-1a: distinguishes two folders that hold files of one name.
 fn fnv(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// A file of a session.
+pub struct File {
+    /// With `files/` before it.
+    pub name: String,
+    /// Content.
+    pub bytes: Vec<u8>,
+    /// Whether it is a program.
+    pub is_program: bool,
 }
 
 /// Writes the files of a session below `folder`.
 ///
 /// # Errors
 /// A sentence: a name that leads out of the folder, or what cannot be written.
-pub fn unpack<'f>(files: impl Iterator<Item = (&'f str, &'f [u8])>, folder: &Path) -> Result<(), String> {
-    for (name, bytes) in files {
+pub fn unpack(files: &[File], folder: &Path) -> Result<(), String> {
+    for File { name, bytes, is_program } in files {
         let Some(within) = name.strip_prefix(FILES) else { continue };
         if !Path::new(within).components().all(|it| matches!(it, Component::Normal(_) | Component::CurDir)) {
             return Err(format!("the session holds a file `{name}`, which would be written elsewhere"));
@@ -199,7 +228,19 @@ pub fn unpack<'f>(files: impl Iterator<Item = (&'f str, &'f [u8])>, folder: &Pat
         let parent = path.parent().unwrap_or(folder);
         fs::create_dir_all(parent)
             .and_then(|()| fs::write(&path, bytes))
+            .and_then(|()| if *is_program { make_program(&path) } else { Ok(()) })
             .map_err(|error| format!("`{}` cannot be written: {error}", path.display()))?;
     }
+    Ok(())
+}
+
+#[cfg(unix)]
+fn make_program(path: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    fs::set_permissions(path, fs::Permissions::from_mode(0o755))
+}
+
+#[cfg(not(unix))]
+fn make_program(_: &Path) -> std::io::Result<()> {
     Ok(())
 }

@@ -28,6 +28,8 @@ pub const CLOCK: &str = "foveate.clock";
 pub const END: &str = "foveate.end";
 /// The names of instances and edges, in the order of their numbers.
 pub const GRAPH: &str = "graph.json";
+/// Media type of files that are programs.
+pub const PROGRAM: &str = "application/x-executable";
 /// Where files stand that the rig reads.
 pub const FILES: &str = "files/";
 

@@ -6,16 +6,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use foveate_node::error::{ConfigError, NodeError};
 use foveate_node::io::Io;
-use foveate_node::node::{Due, Plan, Role};
+use foveate_node::node::{Due, Role};
 use foveate_node::port::Ports;
-use foveate_node::registry::{ErasedNode, NodeType, Settings};
+use foveate_node::registry::{ErasedNode, NodeType};
 use foveate_node::report::Report;
-use foveate_node::setup::Setup;
 use foveate_rig::graph::{Cost, Graph, OnError};
 
 use crate::names::topic;
 use crate::reading::{Item, Reading};
-use crate::replay::Idle;
+use crate::replay::{Idle, Instead};
 use crate::session::Session;
 
 /// A node in whose place a session speaks.
@@ -49,33 +48,6 @@ impl ErasedNode for Playback {
     }
 }
 
-/// Settings of a node in whose place a session speaks.
-struct InPlace {
-    settings: Arc<dyn Settings>,
-    playback: Option<(usize, Arc<Mutex<Reading>>)>,
-}
-
-impl Settings for InPlace {
-    fn build(&self, _: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
-        Ok(match &self.playback {
-            Some((index, reading)) => Box::new(Playback { index: *index, reading: Arc::clone(reading) }),
-            None => Box::new(Idle),
-        })
-    }
-    fn resolved(&self) -> &dyn erased_serde::Serialize {
-        self.settings.resolved()
-    }
-    fn as_any(&self) -> &dyn std::any::Any {
-        self.settings.as_any()
-    }
-    fn plan(&self) -> Plan {
-        self.settings.plan()
-    }
-    fn is_live(&self) -> bool {
-        false
-    }
-}
-
 /// `graph` with the session in place of the nodes that are not `made`.
 ///
 /// # Errors
@@ -103,8 +75,15 @@ pub fn in_place(mut graph: Graph, made: &[bool], mut session: Session) -> Result
     graph.edges.retain(|it| made[it.to.0]);
     for (index, instance) in graph.instances.iter_mut().enumerate().filter(|it| !made[it.0]) {
         let speaks = graph.edges.iter().any(|it| it.from.0 == index);
-        let playback = speaks.then(|| (index, Arc::clone(&reading)));
-        instance.settings = Arc::new(InPlace { settings: Arc::clone(&instance.settings), playback });
+        let reading = Arc::clone(&reading);
+        instance.settings = Arc::new(Instead {
+            settings: Arc::clone(&instance.settings),
+            is_live: false,
+            make: Box::new(move |_| match speaks {
+                true => Ok(Box::new(Playback { index, reading: Arc::clone(&reading) })),
+                false => Ok(Box::new(Idle)),
+            }),
+        });
         instance.node_type = Arc::new(source(&instance.node_type));
         instance.takes = Vec::new();
         instance.cost = Cost::default();

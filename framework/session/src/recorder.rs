@@ -340,7 +340,9 @@ impl Writing {
         self.file.attach(names::REPLAY_RIG, "application/toml", attached.rig.as_bytes())?;
         self.file.attach(names::GRAPH, "application/json", &names)?;
         for (name, bytes) in &attached.files {
-            self.file.attach(name, "application/octet-stream", bytes)?;
+            let is_program = attached.programs.contains(name);
+            let media_type = if is_program { names::PROGRAM } else { "application/octet-stream" };
+            self.file.attach(name, media_type, bytes)?;
         }
         let none = BTreeMap::new();
         self.order = Some(self.file.channel(names::ORDER, names::ORDER_ENCODING, None, &none)?);

@@ -42,23 +42,30 @@ pub fn registry(registry: &Registry) -> Registry {
             schema: it.schema.clone(),
             origin: it.origin.clone(),
             decoder: Box::new(move |given| {
-                let settings = inner.decode(given)?;
-                let is_recorded = is_recorded(&inner) || settings.is_live();
-                Ok(Box::new(Replayed { settings, is_recorded }))
+                let settings: Arc<dyn Settings> = Arc::from(inner.decode(given)?);
+                let (is_live, of_node) = (settings.is_live(), Arc::clone(&settings));
+                let make: Make = match is_recorded(&inner) || is_live {
+                    true => Box::new(|_| Ok(Box::new(Idle))),
+                    false => Box::new(move |setup| of_node.build(setup)),
+                };
+                Ok(Box::new(Instead { settings, is_live, make }))
             }),
         }
     })
 }
 
-/// Settings of a node in a replay.
-struct Replayed {
-    settings: Box<dyn Settings>,
-    is_recorded: bool,
+type Make = Box<dyn Fn(&Setup) -> Result<Box<dyn ErasedNode>, ConfigError> + Send + Sync>;
+
+/// Settings of a node in whose place another one is made.
+pub(crate) struct Instead {
+    pub settings: Arc<dyn Settings>,
+    pub is_live: bool,
+    pub make: Make,
 }
 
-impl Settings for Replayed {
+impl Settings for Instead {
     fn build(&self, setup: &Setup) -> Result<Box<dyn ErasedNode>, ConfigError> {
-        if self.is_recorded { Ok(Box::new(Idle)) } else { self.settings.build(setup) }
+        (self.make)(setup)
     }
     fn resolved(&self) -> &dyn erased_serde::Serialize {
         self.settings.resolved()
@@ -70,7 +77,7 @@ impl Settings for Replayed {
         self.settings.plan()
     }
     fn is_live(&self) -> bool {
-        self.settings.is_live()
+        self.is_live
     }
 }
 
@@ -96,12 +103,11 @@ impl ErasedNode for Idle {
 pub fn unpack(session: &mut Session, folder: &Path) -> Result<(PathBuf, String), String> {
     let text = session.text(names::REPLAY_RIG)?;
     let mut files = Vec::new();
-    for name in session.files() {
-        if name.starts_with(names::FILES) {
-            files.push((name.clone(), session.file(&name)?));
-        }
+    for it in session.summary.attachments.clone().into_iter().filter(|it| it.name.starts_with(names::FILES)) {
+        let bytes = session.file(&it.name)?;
+        files.push(attach::File { name: it.name, bytes, is_program: it.media_type == names::PROGRAM });
     }
-    attach::unpack(files.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())), folder)?;
+    attach::unpack(&files, folder)?;
     Ok((folder.join(names::REPLAY_RIG), text))
 }
 

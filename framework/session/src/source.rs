@@ -10,7 +10,8 @@ use foveate_node::io::Io;
 use foveate_node::node::{Due, Node, Plan, Role};
 use foveate_node::port::{MessageType, Ports};
 use foveate_node::registry::Registry;
-use foveate_node::setup::Setup;
+use foveate_node::setup::{Purpose, Setup};
+use foveate_rig::graph::Graph;
 pub use mcap::records::Channel;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -85,6 +86,28 @@ impl SessionSource {
         };
         Ok(SessionSource { reading, line, camera })
     }
+}
+
+/// Sentences about what nodes of `graph` want of sessions that do not have it.
+pub fn lacking(graph: &Graph) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut sessions: HashMap<PathBuf, Option<Session>> = HashMap::new();
+    for (index, instance) in graph.instances.iter().enumerate() {
+        let Some(settings) = instance.settings.as_any().downcast_ref::<SessionSourceSettings>() else { continue };
+        let setup = graph.setup(index, None, Purpose::Check);
+        let (Ok(path), Some(camera)) = (setup.path("path", &settings.path), setup.camera_name()) else { continue };
+        let session = sessions.entry(path.clone()).or_insert_with(|| Session::open(&path).ok());
+        let Some(session) = session else { continue };
+        for edge in graph.edges.iter().filter(|it| it.from.0 == index) {
+            let message = instance.node_type.ports.outputs[edge.from.1].message.name;
+            let mut channels = session.summary.channels.values();
+            if !channels.any(|it| fact(it, "message") == message && camera_of(it) == Some(camera)) {
+                let (path, kind) = (path.display(), if message == Image::NAME { "pictures" } else { message });
+                found.push(format!("{} gets nothing: `{path}` has no {kind} of camera `{camera}`", edge.name));
+            }
+        }
+    }
+    found
 }
 
 /// Plays the one topic of that camera with messages of type `M`, or the one that `setting` names; whether there is one.

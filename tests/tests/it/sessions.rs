@@ -201,6 +201,10 @@ fn a_part_of_a_rig_is_replayed_with_other_settings() {
     must(folder.path(), &["run", "other.toml", "--quiet", "--out", "other"]);
     let rows = |out: &str| table(out).iter().filter(|it| **it == b'\n').count();
     assert!(rows("run") > 200 && rows("other").abs_diff(rows("run")) < 20, "{} and {}", rows("run"), rows("other"));
+    let without = fs::read_to_string(folder.path().join("other.toml")).unwrap().replace("s.mcap", "n.mcap");
+    fs::write(folder.path().join("without.toml"), without).unwrap();
+    let words = ["room.video[wide-1].image -> room.leds[wide-1].image", "`n.mcap` has no pictures of camera `wide-1`"];
+    refuses(folder.path(), &["check", "without.toml"], &words);
     let named = "path = \"s.mcap\"\nimages = \"/room/leds/{camera}/features\"\n";
     let wrong = fs::read_to_string(folder.path().join("other.toml")).unwrap().replace("path = \"s.mcap\"\n", named);
     fs::write(folder.path().join("wrong.toml"), wrong).unwrap();

@@ -339,10 +339,14 @@ fn load(path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph
 
 /// Loads a rig, or prints all its faults.
 fn load_quietly(path: &Path, registry: &Registry, overrides: &Overrides) -> Result<Graph, u8> {
-    rig::load_file(path, registry, overrides).map_err(|faults| {
+    let graph = rig::load_file(path, registry, overrides).map_err(|faults| {
         eprint!("{}", faults.render(wants_color()));
         exit::INPUT
-    })
+    })?;
+    match foveate_session::source::lacking(&graph).as_slice() {
+        [] => Ok(graph),
+        lacking => Err(complain(&lacking.join("\nerror: "))),
+    }
 }
 
 /// `registry` with the node types of the libraries that a rig names.

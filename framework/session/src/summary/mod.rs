@@ -130,8 +130,10 @@ impl Summary {
             if start < at || start > data_end {
                 return Err(NoSummary::damaged(start, "the summary names a place twice, or one outside of the data"));
             }
-            records.go_to(at).map_err(|what| NoSummary::damaged(at, &what))?;
-            while records.at() < start {
+            if at < start {
+                records.go_to(at).map_err(|what| NoSummary::damaged(at, &what))?;
+            }
+            while at < start && records.at() < start {
                 let here = records.at();
                 let unlisted = [op::HEADER, op::SCHEMA, op::CHANNEL, op::MESSAGE_INDEX];
                 match records.pass() {
@@ -140,7 +142,7 @@ impl Summary {
                     Err(damage) => return Err(NoSummary::damaged(damage.at, &damage.what)),
                 }
             }
-            if records.at() > start {
+            if at < start && records.at() > start {
                 return Err(NoSummary::damaged(start, "the summary names a place within a record"));
             }
             at = start.saturating_add(length);

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use foveate_rig::graph::Graph;
+use foveate_session::attach::{File, unpack};
 use foveate_session::{Packing, Session};
 
 use crate::parts::{Content, Random, folder, graph, read, record, write_small};
@@ -296,15 +297,21 @@ fn what_a_session_unpacks_stays_in_its_folder() {
     let folder = folder();
     let inside = folder.path().join("inside");
     fs::create_dir(&inside).unwrap();
+    let file = |name: &str, bytes: &[u8]| File { name: name.to_owned(), bytes: bytes.to_vec(), is_program: true };
     for name in ["files/../../x", "files/../x", "files//x", "files/a/../../x", "files/"] {
-        let refused = foveate_session::attach::unpack([(name, &b"bad"[..])].into_iter(), &inside);
+        let refused = unpack(&[file(name, b"bad")], &inside);
         let sentence = refused.unwrap_err();
         assert!(sentence.contains("written"), "{name}: {sentence}");
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|it| it.unwrap().file_name()).collect();
         assert_eq!(left, ["inside"]);
     }
-    foveate_session::attach::unpack([("files/./a/b", &b"good"[..]), ("graph.json", b"")].into_iter(), &inside).unwrap();
+    unpack(&[file("files/./a/b", b"good"), file("graph.json", b"")], &inside).unwrap();
     assert_eq!(fs::read(inside.join("a/b")).unwrap(), b"good");
+    #[cfg(unix)]
+    assert_eq!(
+        std::os::unix::fs::PermissionsExt::mode(&fs::metadata(inside.join("a/b")).unwrap().permissions()) & 0o111,
+        0o111
+    );
     assert!(!inside.join("graph.json").exists());
 }
 
