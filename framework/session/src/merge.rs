@@ -148,7 +148,7 @@ fn offsets(parts: &[Part]) -> Result<Vec<Interval>, String> {
     Ok(offsets.into_iter().map(|it| Interval(it.0.saturating_sub(first.0))).collect())
 }
 
-/// What stands for each part in topics: its file's name, with a number where two have the same.
+/// What each part is called in topics: as its file, with a number where two have the same name.
 fn names_of(parts: &[Part]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for part in parts {

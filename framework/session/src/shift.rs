@@ -59,7 +59,7 @@ impl<'b> Shift<'b> {
     }
 
     fn length(&mut self) -> Result<u32, String> {
-        self.copied(|rest| rmp::decode::read_map_len(rest))
+        self.copied(rmp::decode::read_map_len)
     }
 
     /// Copies a text, if it is one; a key of another kind is copied too.
@@ -101,7 +101,7 @@ impl<'b> Shift<'b> {
                 written.map(drop).map_err(|error| error.to_string())
             }
             Marker::FixArray(_) | Marker::Array16 | Marker::Array32 => {
-                let length = self.copied(|rest| rmp::decode::read_array_len(rest))?;
+                let length = self.copied(rmp::decode::read_array_len)?;
                 for place in 0..length as usize {
                     let inner: Vec<&Value> = meant
                         .iter()

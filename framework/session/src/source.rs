@@ -1,6 +1,6 @@
 //! `capture.session`: the pictures of a camera, or what was found in them, out of a session.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -90,24 +90,32 @@ impl SessionSource {
 
 /// Sentences about what nodes of `graph` want of sessions that do not have it.
 pub fn lacking(graph: &Graph) -> Vec<String> {
-    let mut found = Vec::new();
     let mut sessions: HashMap<PathBuf, Option<Session>> = HashMap::new();
+    // By session and kind of message: cameras.
+    let mut lacking: BTreeMap<(PathBuf, &str), Vec<String>> = BTreeMap::new();
     for (index, instance) in graph.instances.iter().enumerate() {
         let Some(settings) = instance.settings.as_any().downcast_ref::<SessionSourceSettings>() else { continue };
         let setup = graph.setup(index, None, Purpose::Check);
         let (Ok(path), Some(camera)) = (setup.path("path", &settings.path), setup.camera_name()) else { continue };
         let session = sessions.entry(path.clone()).or_insert_with(|| Session::open(&path).ok());
         let Some(session) = session else { continue };
-        for edge in graph.edges.iter().filter(|it| it.from.0 == index) {
-            let message = instance.node_type.ports.outputs[edge.from.1].message.name;
+        for (port, output) in instance.node_type.ports.outputs.iter().enumerate() {
+            let message = output.message.name;
             let mut channels = session.summary.channels.values();
-            if !channels.any(|it| fact(it, "message") == message && camera_of(it) == Some(camera)) {
-                let (path, kind) = (path.display(), if message == Image::NAME { "pictures" } else { message });
-                found.push(format!("{} gets nothing: `{path}` has no {kind} of camera `{camera}`", edge.name));
+            let is_there = channels.any(|it| fact(it, "message") == message && camera_of(it) == Some(camera));
+            if !is_there && graph.edges.iter().any(|it| it.from == (index, port)) {
+                let kind = if message == Image::NAME { "pictures" } else { message };
+                lacking.entry((path.clone(), kind)).or_default().push(camera.to_owned());
             }
         }
     }
-    found
+    let sentence = |((path, kind), cameras): ((PathBuf, &str), Vec<String>)| {
+        let (path, cameras) = (path.display(), cameras.join(", "));
+        format!(
+            "`{path}` has no {kind} of {cameras}, which nodes of this rig take; `foveate info {path}` lists what it has"
+        )
+    };
+    lacking.into_iter().map(sentence).collect()
 }
 
 /// Plays the one topic of that camera with messages of type `M`, or the one that `setting` names; whether there is one.
