@@ -155,10 +155,10 @@ fn a_session_calibrates_its_cameras_as_its_rig_does() {
     for name in ["wave.toml", "face_body.calibration.toml", "lab.plan.toml"] {
         fs::copy(root().join("graphs").join(name), folder.path().join(name)).unwrap();
     }
-    let run = ["run", "wave.toml", "--duration", "3", "--quiet", "--no-pictures", "--record", "s.mcap", "--out", "run"];
+    let run = ["run", "wave.toml", "--duration", "1.5", "--quiet", "--no-pictures", "--record", "s.mcap", "--out", "run"];
     must(folder.path(), &run);
     let calibrate = |of: &str, out: &str| {
-        let arguments = ["calibrate", of, "--duration", "3", "--quiet", "--out", out];
+        let arguments = ["calibrate", of, "--duration", "1.5", "--quiet", "--out", out];
         drop(crate::the_program::foveate(folder.path(), &arguments));
         fs::read_to_string(folder.path().join(out).join("observations.csv")).unwrap()
     };
@@ -166,7 +166,7 @@ fn a_session_calibrates_its_cameras_as_its_rig_does() {
     // Pictures that were under way at the end are in one of the two alone.
     let n_same = of_rig.lines().zip(of_session.lines()).take_while(|it| it.0 == it.1).count();
     let n_rows = of_rig.lines().count();
-    assert!(n_rows > 1000 && n_same + 100 > n_rows, "{n_same} of {n_rows}");
+    assert!(n_rows > 400 && n_same + 100 > n_rows, "{n_same} of {n_rows}");
     refuses(
         folder.path(),
         &["calibrate", "s.mcap", "--from", "room.lights"],
