@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
@@ -34,6 +36,7 @@ pub struct Channel(u16);
 pub struct SessionFile {
     writer: Writer<Gathered>,
     file: File,
+    is_at_leisure: Arc<AtomicBool>,
     /// Of messages in the chunk that is open.
     n_bytes: usize,
     schemas: HashMap<String, u16>,
@@ -68,8 +71,10 @@ impl SessionFile {
             // A flush closes a chunk, and nothing else does: a killed run leaves no part of one.
             .chunk_size(None)
             .calculate_data_section_crc(false);
-        let writer = options.create(Gathered::new(again, path)).map_err(|error| failed(&error))?;
-        Ok(SessionFile { writer, file, n_bytes: 0, schemas: HashMap::new(), sequences: HashMap::new() })
+        let is_at_leisure = Arc::default();
+        let writer = options.create(Gathered::new(again, path, Arc::clone(&is_at_leisure)));
+        let writer = writer.map_err(|error| failed(&error))?;
+        Ok(SessionFile { writer, file, is_at_leisure, n_bytes: 0, schemas: HashMap::new(), sequences: HashMap::new() })
     }
 
     /// A channel; `schema` is its name, encoding and bytes, where it has one.
@@ -136,6 +141,11 @@ impl SessionFile {
     /// Why they cannot be written.
     pub fn metadata(&mut self, name: &str, texts: BTreeMap<String, String>) -> Result<(), String> {
         self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: seal(texts) }).map_err(in_words)
+    }
+
+    /// Says whether the writer keeps up with what comes, so that there is time to spare the processor.
+    pub fn at_leisure(&self, is_at_leisure: bool) {
+        self.is_at_leisure.store(is_at_leisure, Ordering::Relaxed);
     }
 
     /// Closes the chunk and has the system write all: what came before is safe from a kill, and from a power cut.

@@ -1,11 +1,14 @@
-//! A file that is gathered in memory and written at each flush, on Linux past the system's cache.
+//! A file that is gathered in memory and written at each flush, on Linux past the system's cache where the writer has the time.
 //!
 //! Pictures fill that cache with what is not read again. 122 MB/s onto ext4 take 24 to 35 % of a core through the cache, and 1 to 2 % straight to the disk (the time
-//! of the system in `cargo bench -p foveate-session -- live raw`). The last part of a block goes through the cache, so that the file ends where the content does.
+//! of the system in `cargo bench -p foveate-session -- live raw`). But the disk is slower than the cache, which takes up what comes in bursts. The last part of a
+//! block goes through the cache, so that the file ends where the content does.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Cursor, ErrorKind, Result, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Size of a page and of the largest usual block of a disk: direct writes begin and end at its multiples, in the file and in memory [bytes].
 const BLOCK: usize = 4096;
@@ -15,6 +18,8 @@ pub struct Gathered {
     file: File,
     /// The same file, past the cache.
     direct: Option<File>,
+    /// Whether the writer has the time to go past the cache.
+    is_at_leisure: Arc<AtomicBool>,
     /// From `start` on: what stands in the file from `at` on.
     bytes: Cursor<Vec<u8>>,
     /// Where in memory a block begins.
@@ -25,8 +30,8 @@ pub struct Gathered {
 
 impl Gathered {
     /// The empty file `file`, which lies at `path`.
-    pub fn new(file: File, path: &Path) -> Gathered {
-        Gathered { file, direct: open_direct(path), bytes: Cursor::default(), start: 0, at: 0 }
+    pub fn new(file: File, path: &Path, is_at_leisure: Arc<AtomicBool>) -> Gathered {
+        Gathered { file, direct: open_direct(path), is_at_leisure, bytes: Cursor::default(), start: 0, at: 0 }
     }
 
     /// Moves what was gathered to where a block begins in memory.
@@ -55,7 +60,8 @@ impl Write for Gathered {
         self.align();
         let gathered = &self.bytes.get_ref()[self.start..];
         let mut n_direct = 0;
-        if let Some(direct) = &mut self.direct {
+        let direct = self.direct.as_mut().filter(|_| self.is_at_leisure.load(Ordering::Relaxed));
+        if let Some(direct) = direct {
             let whole = gathered.len() / BLOCK * BLOCK;
             direct.seek(SeekFrom::Start(self.at))?;
             match direct.write_all(&gathered[..whole]) {
@@ -110,8 +116,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for is_direct in [true, false] {
             let path = folder.path().join(is_direct.to_string());
-            let mut gathered = Gathered::new(File::create(&path).unwrap(), &path);
-            gathered.direct = gathered.direct.filter(|_| is_direct);
+            let mut gathered = Gathered::new(File::create(&path).unwrap(), &path, Arc::new(AtomicBool::new(is_direct)));
             let mut expected = Cursor::new(Vec::new());
             for n in [1, BLOCK - 1, BLOCK, 3 * BLOCK + 7, 5, 40 * BLOCK, 0, 300_001] {
                 let bytes: Vec<u8> = (0..n).map(|it| (it * 7 + n) as u8).collect();

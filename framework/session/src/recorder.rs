@@ -233,7 +233,7 @@ fn encode(
 
 fn record(mut writing: Writing, tap: &Tap, is_abandoned: &AtomicBool, path: &Path, host: &Host) -> Recorded {
     let mut entries = VecDeque::new();
-    let mut flushed = Instant::now();
+    let (mut flushed, mut rested) = (Instant::now(), Instant::now());
     let mut failure = None;
     while !writing.is_ended || !entries.is_empty() {
         // Looked at before the tap is, so that what was recorded last is seen.
@@ -243,6 +243,10 @@ fn record(mut writing: Writing, tap: &Tap, is_abandoned: &AtomicBool, path: &Pat
             writing.hide(&mut entries);
         }
         let was_empty = entries.is_empty();
+        if was_empty {
+            rested = Instant::now();
+        }
+        writing.file.at_leisure(rested.elapsed() < FLUSH_PERIOD);
         let written = guarded(|| {
             writing.take(&mut entries)?;
             if flushed.elapsed() >= FLUSH_PERIOD {

@@ -155,7 +155,8 @@ fn a_session_calibrates_its_cameras_as_its_rig_does() {
     for name in ["wave.toml", "face_body.calibration.toml", "lab.plan.toml"] {
         fs::copy(root().join("graphs").join(name), folder.path().join(name)).unwrap();
     }
-    let run = ["run", "wave.toml", "--duration", "1.5", "--quiet", "--no-pictures", "--record", "s.mcap", "--out", "run"];
+    let run =
+        ["run", "wave.toml", "--duration", "1.5", "--quiet", "--no-pictures", "--record", "s.mcap", "--out", "run"];
     must(folder.path(), &run);
     let calibrate = |of: &str, out: &str| {
         let arguments = ["calibrate", of, "--duration", "1.5", "--quiet", "--out", out];
