@@ -13,8 +13,8 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 pub const MAGIC: &[u8] = mcap::MAGIC;
 /// Opcode and length in front of each record [bytes].
 pub const HEAD: u64 = 9;
-/// Longest record that is read [bytes].
-const LONGEST: u64 = 1 << 30;
+/// Longest record, and longest summary, that is read [bytes].
+pub const LONGEST: u64 = 1 << 30;
 /// What a byte of LZ4 makes at most: a match whose length grows by 255 with each further byte [bytes].
 const LZ4_BYTES: u64 = 255;
 /// What a byte of Zstandard makes at most: a block of 128 KiB that repeats one byte takes four [bytes].

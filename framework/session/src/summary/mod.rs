@@ -7,7 +7,7 @@ use mcap::records::{
     AttachmentIndex, Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Record, SchemaHeader, Statistics, op,
 };
 
-use crate::records::{Crc, HEAD, MAGIC, Records, parse, unsealed};
+use crate::records::{Crc, HEAD, LONGEST, MAGIC, Records, parse, unsealed};
 
 mod gather;
 
@@ -73,16 +73,18 @@ impl Summary {
 
     /// The records from `start` to `end`.
     fn of_section(records: &mut Records, start: u64, end: u64) -> Result<(Summary, Option<Statistics>), NoSummary> {
-        records.go_to(start).map_err(|what| NoSummary::damaged(start, &what))?;
+        let length = end.saturating_sub(start);
+        let bytes = if length > LONGEST { None } else { records.bytes(start, length) };
+        let bytes = bytes.ok_or_else(|| NoSummary::damaged(start, "the summary cannot be read"))?;
         let (mut summary, mut statistics) = (Summary::default(), None);
-        while records.at() < end {
-            let at = records.at();
-            let (place, body) = match records.read() {
-                Ok(Some(found)) => found,
-                Ok(None) => return Err(NoSummary::damaged(at, "the summary breaks off")),
-                Err(damage) => return Err(NoSummary::damaged(at, &damage.what)),
-            };
-            match parse(place.opcode, body).map_err(|what| NoSummary::damaged(at, &what))? {
+        let mut rest = bytes.as_slice();
+        while let Some((head, behind)) = rest.split_first_chunk::<{ HEAD as usize }>() {
+            let at = end - rest.len() as u64;
+            let [opcode, length @ ..] = *head;
+            let body = usize::try_from(u64::from_le_bytes(length)).ok().and_then(|it| behind.split_at_checked(it));
+            let (body, next) = body.ok_or_else(|| NoSummary::damaged(at, "the summary breaks off"))?;
+            rest = next;
+            match parse(opcode, body).map_err(|what| NoSummary::damaged(at, &what))? {
                 Record::Schema { header, data } => drop(summary.schemas.insert(header.id, (header, data.into_owned()))),
                 Record::Channel(it) => drop(summary.channels.insert(it.id, it)),
                 Record::ChunkIndex(it) => summary.chunks.push(it),
@@ -95,7 +97,10 @@ impl Summary {
                 _ => {}
             }
         }
-        Ok((summary, statistics))
+        match rest.is_empty() {
+            true => Ok((summary, statistics)),
+            false => Err(NoSummary::damaged(end, "the summary breaks off")),
+        }
     }
 
     /// Compares the statistics with what the summary lists.
