@@ -103,7 +103,7 @@ class Session:
         self.duration_s = (max(it[1] for it in times) - min(it[0] for it in times)) / 1e9 if times else 0.0
         if not is_whole:
             self.remarks.append(f"its recording was killed or still runs: read to byte {end} of {size}")
-        elif "foveate.end" not in texts:
+        elif "foveate.end" not in texts and not {"cut", "merged"} & texts.get("foveate.session", {}).keys():
             self.remarks.append("its recording did not end in good order")
         last_words = texts.get("foveate.end", {}).items()
         self.remarks += [f"{it} {key[9:]} were left out" for key, it in last_words if key.startswith("left_out_") and it != "0"]

@@ -66,14 +66,20 @@ pub fn gather(graph: &Graph) -> Result<Attached, String> {
     Ok(attached)
 }
 
-/// A resolved rig (a line for each key) without its folder, and with texts in place of others.
-fn in_session(resolved: &str, renamed: &BTreeMap<String, String>) -> String {
+/// A resolved rig (a line for each key) without its folder.
+pub fn without_folder(resolved: &str) -> String {
     let mut text = resolved.to_owned();
     // That of the rig itself stands first; a node may have a setting of this name.
     if let Some(start) = text.find("\nfolder = ") {
         let end = text[start + 1..].find('\n').map_or(text.len(), |it| start + 1 + it);
         text.replace_range(start..end, "");
     }
+    text
+}
+
+/// The same with texts in place of others.
+fn in_session(resolved: &str, renamed: &BTreeMap<String, String>) -> String {
+    let mut text = without_folder(resolved);
     for (from, to) in renamed {
         text = text.replace(&Value::from(from.as_str()).to_string(), &Value::from(to.as_str()).to_string());
     }

@@ -28,7 +28,7 @@ pub struct Cut {
 }
 
 /// What a cut left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Kept {
     /// Messages that were kept.
     pub kept: u64,
@@ -36,6 +36,8 @@ pub struct Kept {
     pub left_away: u64,
     /// Whether the part can be replayed in the recorded order: it begins where the session does.
     pub has_order: bool,
+    /// What could not be read, and is left away.
+    pub damaged: Vec<String>,
 }
 
 /// Writes a part of `session` to the file `path`, which must not be there yet.
@@ -53,19 +55,32 @@ pub fn cut(session: &mut Session, path: &Path, cut: &Cut) -> Result<Kept, String
         ));
     }
     let dropped = dropped(session, cut)?;
+    let file = SessionFile::create(path, Packing::Lz4)?;
+    let kept = write(session, file, cut, (start, end), &dropped);
+    let kept = kept.map_err(|what| format!("`{}` cannot be written: {what}", path.display()));
+    let kept = kept.and_then(|it| match it.kept {
+        0 => Err(format!("`{}` holds nothing of that part", session.path.display())),
+        _ => Ok(it),
+    });
+    if kept.is_err() {
+        drop(std::fs::remove_file(path)); // what cannot be removed stays
+    }
+    kept
+}
+
+fn write(
+    session: &mut Session,
+    mut file: SessionFile,
+    cut: &Cut,
+    (start, end): (u64, u64),
+    dropped: &BTreeSet<String>,
+) -> Result<Kept, String> {
     let has_order = start == 0;
-    let mut file = SessionFile::create(path, Packing::Lz4)?;
     let mut facts = session.facts.clone();
     let away: BTreeSet<String> = serde_json::from_str(session.fact("left_away")).unwrap_or_default();
-    facts.insert("left_away".to_owned(), json!(away.union(&dropped).collect::<Vec<_>>()).to_string());
-    facts.insert(
-        "cut".to_owned(),
-        format!(
-            "from {} s to {} s",
-            cut.start_s.unwrap_or(0.0),
-            cut.end_s.map_or("the end".to_owned(), |it| it.to_string())
-        ),
-    );
+    facts.insert("left_away".to_owned(), json!(away.union(dropped).collect::<Vec<_>>()).to_string());
+    let to = cut.end_s.map_or("the end".to_owned(), |it| format!("{it} s"));
+    facts.insert("cut".to_owned(), format!("from {} s to {to}", cut.start_s.unwrap_or(0.0)));
     file.metadata(names::SESSION, facts)?;
     for index in session.summary.attachments.clone() {
         let bytes = session.file(&index.name)?;
@@ -90,31 +105,41 @@ pub fn cut(session: &mut Session, path: &Path, cut: &Cut) -> Result<Kept, String
         if index.message_end_time < start || is_beyond {
             continue;
         }
-        session.messages(chunk, |channel, log_ns, bytes| {
+        // All of a chunk or nothing of it.
+        let mut messages = Vec::new();
+        let read = session.messages(chunk, |channel, log_ns, bytes| {
+            messages.push((channel, log_ns, bytes.to_vec()));
+            Ok(())
+        });
+        if let Err(what) = read {
+            kept.damaged.push(what);
+            continue;
+        }
+        for (channel, log_ns, bytes) in messages {
             let written = channels.get(&channel);
             if order_channel == Some(channel)
                 && let Some(written) = written
             {
                 let (mut encoder, mut batch) = (order::Encoder::default(), Vec::new());
                 let within = |it: &Entry| u64::try_from(it.now.0).unwrap_or(0) <= end;
-                order::decode(bytes)?.iter().filter(|it| within(it)).for_each(|it| encoder.add(it, &mut batch));
+                order::decode(&bytes)?.iter().filter(|it| within(it)).for_each(|it| encoder.add(it, &mut batch));
                 is_past = batch.is_empty();
-                kept.kept += u64::from(!is_past);
-                let time = i64::try_from(log_ns.min(end)).unwrap_or(i64::MAX);
-                return if is_past { Ok(()) } else { file.message(*written, time, time, &batch) };
+                if !is_past {
+                    kept.kept += 1;
+                    let time = i64::try_from(log_ns.min(end)).unwrap_or(i64::MAX);
+                    file.message(*written, time, time, &batch)?;
+                }
+                continue;
             }
             match written.filter(|_| (start..=end).contains(&log_ns)) {
                 Some(channel) => {
                     kept.kept += 1;
                     let time = i64::try_from(log_ns).unwrap_or(i64::MAX);
-                    file.message(*channel, time, time, bytes)
+                    file.message(*channel, time, time, &bytes)?;
                 }
-                None => {
-                    kept.left_away += 1;
-                    Ok(())
-                }
+                None => kept.left_away += 1,
             }
-        })?;
+        }
     }
     // What ends before the session does has no last words.
     if let Some(end) = session.end.as_ref().filter(|_| cut.end_s.is_none()) {

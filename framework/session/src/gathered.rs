@@ -26,12 +26,14 @@ pub struct Gathered {
     start: usize,
     /// Where in the file that block begins.
     at: u64,
+    /// Where the file ends that was flushed last.
+    end: u64,
 }
 
 impl Gathered {
     /// The empty file `file`, which lies at `path`.
     pub fn new(file: File, path: &Path, is_at_leisure: Arc<AtomicBool>) -> Gathered {
-        Gathered { file, direct: open_direct(path), is_at_leisure, bytes: Cursor::default(), start: 0, at: 0 }
+        Gathered { file, direct: open_direct(path), is_at_leisure, bytes: Cursor::default(), start: 0, at: 0, end: 0 }
     }
 
     /// Moves what was gathered to where a block begins in memory.
@@ -57,6 +59,18 @@ impl Write for Gathered {
     }
 
     fn flush(&mut self) -> Result<()> {
+        let flushed = self.flush_all();
+        match flushed {
+            Ok(()) => self.end = self.at + (self.bytes.get_ref().len() - self.start) as u64,
+            // On a full disk others need the room.
+            Err(_) => drop(self.file.set_len(self.end)),
+        }
+        flushed
+    }
+}
+
+impl Gathered {
+    fn flush_all(&mut self) -> Result<()> {
         self.align();
         let gathered = &self.bytes.get_ref()[self.start..];
         let mut n_direct = 0;

@@ -52,6 +52,16 @@ impl Hidden {
         if let Some((pattern, _)) = rectangles.iter().find(|it| !names.iter().any(|name| matches(&it.0, name))) {
             return Err(format!("`hide_px` names `{pattern}`, expected one of the cameras {}", names.join(", ")));
         }
+        for (pattern, list) in rectangles {
+            let sizes =
+                graph.calibration.cameras.iter().filter(|it| matches(pattern, &it.name)).map(|it| it.camera.image_size);
+            let [width, height] = sizes.fold([0, 0], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+            if let Some(it) = list.iter().find(|it| it[0] >= width || it[1] >= height || it[2] == 0 || it[3] == 0) {
+                return Err(format!(
+                    "`hide_px` hides {it:?} of `{pattern}`, which is no part of pictures of {width} x {height} px"
+                ));
+            }
+        }
         let of_camera = |name: &str| -> Vec<Rectangle> {
             rectangles.iter().filter(|it| matches(&it.0, name)).flat_map(|it| it.1.clone()).collect()
         };

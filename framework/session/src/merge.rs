@@ -60,8 +60,21 @@ struct Reading<'p> {
 /// # Errors
 /// A sentence: a part without a known clock, one that cannot be read, a file that cannot be written.
 pub fn merge(parts: &mut [Part], path: &Path) -> Result<Merged, String> {
+    for (place, part) in parts.iter().enumerate() {
+        if parts[..place].iter().any(|it| it.session.path == part.session.path) {
+            return Err(format!("`{}` is named twice", part.session.path.display()));
+        }
+    }
     let offsets = offsets(parts)?;
-    let mut file = SessionFile::create(path, Packing::Lz4)?;
+    let file = SessionFile::create(path, Packing::Lz4)?;
+    let merged = merge_into(file, parts, offsets);
+    if merged.is_err() {
+        drop(std::fs::remove_file(path)); // what cannot be removed stays
+    }
+    merged.map_err(|what| format!("`{}` cannot be written: {what}", path.display()))
+}
+
+fn merge_into(mut file: SessionFile, parts: &mut [Part], offsets: Vec<Interval>) -> Result<Merged, String> {
     begin(&mut file, parts, &offsets)?;
     let mut merged = Merged { offsets_s: offsets.iter().map(|it| it.as_s()).collect(), ..Merged::default() };
     let names = names_of(parts);

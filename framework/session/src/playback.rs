@@ -73,6 +73,8 @@ pub fn in_place(mut graph: Graph, made: &[bool], mut session: Session) -> Result
     }
     let reading = Arc::new(Mutex::new(reading));
     graph.edges.retain(|it| made[it.to.0]);
+    // Ages are those of the run that was recorded.
+    graph.budgets.clear();
     for (index, instance) in graph.instances.iter_mut().enumerate().filter(|it| !made[it.0]) {
         let speaks = graph.edges.iter().any(|it| it.from.0 == index);
         let reading = Arc::clone(&reading);

@@ -186,6 +186,15 @@ impl Recorder {
     }
 }
 
+/// Sentences about what `[record]` of a rig names and the rig does not have.
+pub fn misnamed(graph: &Arc<Graph>) -> Vec<String> {
+    let Some(record) = &graph.record else { return Vec::new() };
+    let cameras = &graph.calibration.cameras;
+    let unknown = record.cameras.iter().filter(|it| !cameras.iter().any(|camera| matches(&it.0, &camera.name)));
+    let unknown = unknown.map(|it| format!("`cameras` of `[record]` names `{}`, which is no camera of the rig", it.0));
+    unknown.chain(Hidden::new(graph, &record.hide_px, &record.hide_scales).err()).collect()
+}
+
 /// Whether an output port gives pictures.
 pub(crate) fn is_picture(graph: &Graph, instance: usize, port: usize) -> bool {
     PICTURES.contains(&graph.instances[instance].node_type.ports.outputs[port].message.name)

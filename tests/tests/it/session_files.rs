@@ -55,7 +55,7 @@ fn pictures_become_a_session_and_films_and_come_back() {
     pictures(&folder.path().join("shots/right"), 8, 99);
     refuses(folder.path(), &["import", "shots", "-o", "a.mcap"], &["hold no times", "--rate"]);
     let said = must(folder.path(), &["import", "shots", "--rate", "20", "-o", "a.mcap"]);
-    assert!(said.contains("1 pictures are missing"), "{said}");
+    assert!(said.contains("room.images[left] lacks 1 pictures, the first at 0.2"), "{said}");
     let found = images(&folder.path().join("a.mcap"));
     assert_eq!(found.len(), 16);
     for (camera, time_s, image) in &found {

@@ -156,7 +156,21 @@ fn a_part_of_a_rig_is_replayed_with_other_settings() {
     assert!(table("same") == table("run"), "the same features in the same order");
     assert!(table("bright") != table("run"), "another threshold finds other centres");
     let resolved = fs::read_to_string(folder.path().join("bright/rig.resolved.toml")).unwrap();
-    assert!(resolved.contains("offset = 60"), "{resolved}");
+    assert!(resolved.starts_with("# foveate replay s.mcap --set room.leds.offset=60\n"), "{resolved}");
+    assert!(resolved.contains("offset = 60") && !resolved.contains("foveate-session-"), "{resolved}");
+
+    // What is damaged is named, and the rest can be kept.
+    let mut bytes = fs::read(folder.path().join("s.mcap")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 16;
+    fs::write(folder.path().join("bad.mcap"), bytes).unwrap();
+    let (code, said, _) = foveate(folder.path(), &["info", "--whole", "bad.mcap"]);
+    assert!(code == 2 && said.contains("note: `bad.mcap` is damaged at byte"), "{code} {said}");
+    let said = must(folder.path(), &["cut", "bad.mcap", "rest.mcap"]);
+    assert!(said.contains("that chunk is left away"), "{said}");
+    must(folder.path(), &["info", "--whole", "rest.mcap"]);
+    refuses(folder.path(), &["cut", "s.mcap", "none.mcap", "--start", "99"], &["holds nothing of that part"]);
+    assert!(!folder.path().join("none.mcap").exists());
     refuses(folder.path(), &replay(&["--from", "room.lab"]), &["`room.lab` is never made again"]);
     refuses(folder.path(), &replay(&["--from", "room.target"]), &["did you mean `room.targets`?"]);
     refuses(folder.path(), &replay(&["--set", "room.leds.offsets=60"]), &["did you mean `offset`?"]);

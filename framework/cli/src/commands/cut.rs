@@ -46,6 +46,7 @@ pub(super) fn run(args: &CutArgs) -> u8 {
     let done = replay::open(&args.session, false).and_then(|mut session| cut(&mut session, &args.output, &what));
     match done {
         Ok(kept) => {
+            kept.damaged.iter().for_each(|it| eprintln!("note: {it}; that chunk is left away"));
             let bytes = std::fs::metadata(&args.output).map_or(0, |it| it.len());
             let order = if kept.has_order { "" } else { "; replay it with `--from`, as its beginning is not there" };
             say(&format!(

@@ -116,18 +116,18 @@ fn import(args: &ImportArgs, registry: &Registry) -> Result<u8, String> {
     (recording.waits, recording.with_unused, recording.mode) = (true, true, "imported");
     let recorder = Recorder::begin(&graph, &recording, graph.host.clone())?;
     let outcome = play(args, &graph, &recorder)?;
-    let recorded = describe_recording(recorder, args.quiet, ("info", "says what is in it"));
+    let (recorded, failure) = describe_recording(recorder, args.quiet, ("info", "says what is in it"));
     failures(&outcome).iter().for_each(|it| eprintln!("{it}"));
     let remarks = outcome.report.remarks.iter().filter(|_| !args.quiet);
     remarks.for_each(|it| eprintln!("note: {it}"));
-    if !args.quiet && !outcome.gaps.is_empty() {
-        eprintln!("note: {} pictures are missing: `foveate info` says where", outcome.gaps.len());
+    for it in outcome.gaps.iter().filter(|_| !args.quiet) {
+        eprintln!("note: {} lacks {} pictures, the first at {}: {}", it.instance, it.count, it.time, it.reason);
     }
     if !args.quiet && !args.rgb {
         eprintln!("note: pictures are gray; --rgb keeps colours");
     }
     eprint!("{recorded}");
-    Ok(if outcome.faults.is_empty() { exit::DONE } else { exit::INPUT })
+    Ok(if outcome.faults.is_empty() && failure.is_none() { exit::DONE } else { exit::INPUT })
 }
 
 fn play(args: &ImportArgs, graph: &Arc<Graph>, recorder: &Recorder) -> Result<Outcome, String> {

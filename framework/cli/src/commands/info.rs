@@ -13,9 +13,16 @@ use crate::exit;
 use crate::output::say;
 use crate::results::write_whole;
 
-pub(super) fn run(path: &Path, layout: Option<&Path>) -> u8 {
+pub(super) fn run(path: &Path, layout: Option<&Path>, whole: bool) -> u8 {
+    let mut n_damaged = 0;
     let describe = |mut session: Session| {
-        let text = describe(&mut session)?;
+        let mut text = describe(&mut session)?;
+        for chunk in 0..if whole { session.summary.chunks.len() } else { 0 } {
+            if let Err(what) = session.messages(chunk, |_, _, _| Ok(())) {
+                n_damaged += 1;
+                text += &format!("note: {what}; `foveate cut` keeps the rest\n");
+            }
+        }
         if let Some(path) = layout {
             write_layout(&mut session, path)?;
         }
@@ -24,7 +31,7 @@ pub(super) fn run(path: &Path, layout: Option<&Path>) -> u8 {
     match Session::open(path).and_then(describe) {
         Ok(text) => {
             say(&text);
-            exit::DONE
+            if n_damaged == 0 { exit::DONE } else { exit::INPUT }
         }
         Err(sentence) => complain(&sentence),
     }

@@ -66,6 +66,9 @@ enum Command {
         /// Write a layout of Foxglove and Lichtblick for this session, too
         #[arg(long, value_name = "FILE.json", value_hint = clap::ValueHint::FilePath)]
         layout: Option<PathBuf>,
+        /// Read every chunk, and name those that are damaged
+        #[arg(long)]
+        whole: bool,
     },
     /// Write what a session holds as videos, tables, C3D or GLB
     Export(export::ExportArgs),
@@ -192,6 +195,9 @@ pub struct RunArgs {
     /// Record no pictures
     #[arg(long)]
     no_pictures: bool,
+    /// Record nothing, though the rig says `[record]`
+    #[arg(long, conflicts_with = "record")]
+    no_record: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -277,7 +283,7 @@ impl Cli {
             Command::Cut(args) => cut::run(&args),
             Command::Merge(args) => merge::run(&args),
             Command::Report(args) => report::run(&args, registry),
-            Command::Info { session, layout } => info::run(&session, layout.as_deref()),
+            Command::Info { session, layout, whole } => info::run(&session, layout.as_deref(), whole),
             Command::Calibrate(args) => calibrate::run(&args, registry),
             Command::Eval(args) => eval::run(&args, registry),
             Command::Check { rig } => check::run(&rig, registry),
@@ -343,9 +349,12 @@ fn load_quietly(path: &Path, registry: &Registry, overrides: &Overrides) -> Resu
         eprint!("{}", faults.render(wants_color()));
         exit::INPUT
     })?;
-    match foveate_session::source::lacking(&graph).as_slice() {
-        [] => Ok(graph),
-        lacking => Err(complain(&lacking.join("\nerror: "))),
+    let graph = std::sync::Arc::new(graph);
+    let mut sentences = foveate_session::source::lacking(&graph);
+    sentences.extend(foveate_session::recorder::misnamed(&graph));
+    match std::sync::Arc::try_unwrap(graph) {
+        Ok(graph) if sentences.is_empty() => Ok(graph),
+        _ => Err(complain(&sentences.join("\nerror: "))),
     }
 }
 

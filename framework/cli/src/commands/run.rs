@@ -75,6 +75,9 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let recorded = recorder.map(|it| describe_recording(it, args.quiet, ("replay", "runs it again")));
     match outcome {
         Ok(mut outcome) => {
+            if let Some(what) = recorded.as_ref().and_then(|it| it.1.as_ref()) {
+                outcome.report.remark(format!("the recording ended before the run: {what}"));
+            }
             if args.listen.is_some() && !server.is_serving() {
                 outcome
                     .report
@@ -82,7 +85,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
             }
             server.counts().in_words().into_iter().for_each(|it| outcome.report.remark(it));
             let code = conclude(args.quiet, &graph, &outcome, &folder);
-            recorded.iter().for_each(|it| eprint!("{it}"));
+            recorded.iter().for_each(|it| eprint!("{}", it.0));
             if args.stay && !outcome.interrupted {
                 stay(args, &server, &stop);
             }
@@ -140,7 +143,7 @@ fn recorder(
     is_live: bool,
     is_paced: bool,
 ) -> Result<Option<Recorder>, String> {
-    if args.record.is_none() && graph.record.is_none() {
+    if args.no_record || (args.record.is_none() && graph.record.is_none()) {
         return Ok(None);
     }
     let rig = graph.record.clone().unwrap_or_default();
@@ -164,8 +167,12 @@ fn recorder(
     Recorder::begin(graph, &recording, graph.host.clone()).map(Some)
 }
 
-/// Ends a recording; what became of it.
-pub(super) fn describe_recording(recorder: Recorder, is_quiet: bool, (next, does): (&str, &str)) -> String {
+/// Ends a recording; what became of it, and why it ended before the run.
+pub(super) fn describe_recording(
+    recorder: Recorder,
+    is_quiet: bool,
+    (next, does): (&str, &str),
+) -> (String, Option<String>) {
     let path = recorder.path().display().to_string();
     let recorded = recorder.finish();
     let mut text = String::new();
@@ -182,10 +189,10 @@ pub(super) fn describe_recording(recorder: Recorder, is_quiet: bool, (next, does
     for it in &recorded.remarks {
         let _ = writeln!(text, "note: {it}");
     }
-    if !is_quiet {
+    if !is_quiet && recorded.failure.is_none() {
         let _ = writeln!(text, "recorded {path} ({}): `foveate {next} {path}` {does}", size(recorded.bytes));
     }
-    text
+    (text, recorded.failure)
 }
 
 fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options, is_live: bool) -> Result<Outcome, String> {

@@ -267,7 +267,7 @@ fn run_one(trial: &Trial<'_>, seed: u64) -> SeedRun {
         None => None,
     };
     let mut command = Command::new(program);
-    command.arg("run").arg(world.as_ref().map_or(&args.rig, |it| &it.rig)).args([
+    command.args(["run", "--no-record"]).arg(world.as_ref().map_or(&args.rig, |it| &it.rig)).args([
         "--quiet",
         "--unpaced",
         "--workers",

@@ -60,11 +60,17 @@ pub(super) fn write(
     // The earliest picture is where all films begin.
     let start = first_time(session, &films)?;
     for chunk in 0..session.summary.chunks.len() {
+        let mut pictures = Vec::new();
         session.messages(chunk, |channel, _, bytes| {
-            let Some(film) = films.get_mut(&channel) else { return Ok(()) };
-            let (stamp, image) = picture::read(&film.schema, bytes)?;
-            film.show(folder, form, start, stamp.time, image)
+            if let Some(film) = films.get(&channel) {
+                pictures.push((channel, picture::read(&film.schema, bytes)?));
+            }
+            Ok(())
         })?;
+        for (channel, (stamp, image)) in pictures {
+            let Some(film) = films.get_mut(&channel) else { continue };
+            film.show(folder, form, start, stamp.time, image)?;
+        }
     }
     let mut names = Vec::new();
     for film in films.into_values() {

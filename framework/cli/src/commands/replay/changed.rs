@@ -8,7 +8,7 @@ use foveate_node::Registry;
 use foveate_rig::graph::Graph;
 use foveate_rig::{self as rig, Overrides};
 use foveate_session::replay::{self, Begin};
-use foveate_session::{Session, playback};
+use foveate_session::{Session, attach, playback};
 
 use super::super::run::host;
 use super::super::{complain, load_quietly};
@@ -55,6 +55,8 @@ pub(in super::super) fn run(
     if !args.quiet {
         graph.host = host();
     }
+    // The folder of the session's files goes away.
+    graph.resolved = format!("# {}\n{}", command(args), attach::without_folder(&graph.resolved));
     let graph = Arc::new(graph);
     into_folder(args, &graph, |options, observe| engine::deterministic(Arc::clone(&graph), options, observe))
 }
@@ -81,6 +83,14 @@ fn load(
         eprint!("{}", faults.render(wants_color()));
         exit::INPUT
     })
+}
+
+/// The replay as it is typed.
+fn command(args: &ReplayArgs) -> String {
+    let each = |flag: &str, all: &[String]| all.iter().map(|it| format!(" {flag} {it}")).collect::<String>();
+    let rig = args.rig.as_ref().map_or_else(String::new, |it| format!(" --rig {}", it.display()));
+    let what = each("--from", &args.from) + &each("--from-scale", &args.from_scale) + &each("--set", &args.set) + &rig;
+    format!("foveate replay {}{what}", args.session.display())
 }
 
 fn setting(text: &str) -> Result<(&str, &str), String> {
