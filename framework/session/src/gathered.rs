@@ -26,14 +26,25 @@ pub struct Gathered {
     start: usize,
     /// Where in the file that block begins.
     at: u64,
-    /// Where the file ends that was flushed last.
-    end: u64,
+    /// Where the file ended after the last two flushes, the later one first.
+    ends: [u64; 2],
+    /// A flush failed: nothing is written behind the end that is left.
+    has_failed: bool,
 }
 
 impl Gathered {
     /// The empty file `file`, which lies at `path`.
     pub fn new(file: File, path: &Path, is_at_leisure: Arc<AtomicBool>) -> Gathered {
-        Gathered { file, direct: open_direct(path), is_at_leisure, bytes: Cursor::default(), start: 0, at: 0, end: 0 }
+        Gathered {
+            file,
+            direct: open_direct(path),
+            is_at_leisure,
+            bytes: Cursor::default(),
+            start: 0,
+            at: 0,
+            ends: [0; 2],
+            has_failed: false,
+        }
     }
 
     /// Moves what was gathered to where a block begins in memory.
@@ -59,11 +70,15 @@ impl Write for Gathered {
     }
 
     fn flush(&mut self) -> Result<()> {
+        if self.has_failed {
+            return Err(ErrorKind::StorageFull.into());
+        }
         let flushed = self.flush_all();
+        self.has_failed = flushed.is_err();
         match flushed {
-            Ok(()) => self.end = self.at + (self.bytes.get_ref().len() - self.start) as u64,
-            // On a full disk others need the room.
-            Err(_) => drop(self.file.set_len(self.end)),
+            Ok(()) => self.ends = [self.at + (self.bytes.get_ref().len() - self.start) as u64, self.ends[0]],
+            // On a full disk others need room: the last chunk goes with the one that is not whole.
+            Err(_) => drop(self.file.set_len(self.ends[1])),
         }
         flushed
     }
