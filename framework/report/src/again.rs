@@ -17,14 +17,10 @@ pub(crate) fn write(page: &mut Page, folder: &Folder, version: &str) {
         page.paragraph(&format!("This page was written by foveate {version}."));
         return;
     }
-    let replay = folder
-        .rig_text
-        .lines()
-        .next()
-        .and_then(|it| it.strip_prefix("# "))
-        .filter(|it| it.starts_with("foveate replay"));
-    if let Some(command) = replay {
-        page.paragraph("These results are of a part of a recorded session that was made again with other settings:");
+    let command =
+        folder.rig_text.lines().next().and_then(|it| it.strip_prefix("# ")).filter(|it| it.starts_with("foveate "));
+    if let Some(command) = command {
+        page.paragraph("These results were made from a recorded session, by the following:");
         page.terminal(command);
         page.paragraph(&format!("This page was written by foveate {version}."));
         return;

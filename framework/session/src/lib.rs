@@ -25,6 +25,7 @@ mod shown;
 pub mod source;
 pub mod summary;
 pub mod viewer;
+pub mod wanted;
 
 pub use file::Packing;
 pub use picture::Pictures;

@@ -75,9 +75,9 @@ pub fn merge(parts: &mut [Part], path: &Path) -> Result<Merged, String> {
 }
 
 fn merge_into(mut file: SessionFile, parts: &mut [Part], offsets: Vec<Interval>) -> Result<Merged, String> {
-    begin(&mut file, parts, &offsets)?;
-    let mut merged = Merged { offsets_s: offsets.iter().map(|it| it.as_s()).collect(), ..Merged::default() };
     let names = names_of(parts);
+    begin(&mut file, parts, &names, &offsets)?;
+    let mut merged = Merged { offsets_s: offsets.iter().map(|it| it.as_s()).collect(), ..Merged::default() };
     let mut channels: BTreeMap<(String, u16, usize), Channel> = BTreeMap::new();
     let mut taken: BTreeSet<String> = BTreeSet::new();
     let mut readings = Vec::new();
@@ -175,8 +175,7 @@ fn names_of(parts: &[Part]) -> Vec<String> {
 }
 
 /// What stands at the beginning of the file: facts and files of the first part, and the files of the others below its name.
-fn begin(file: &mut SessionFile, parts: &mut [Part], offsets: &[Interval]) -> Result<(), String> {
-    let names = names_of(parts);
+fn begin(file: &mut SessionFile, parts: &mut [Part], names: &[String], offsets: &[Interval]) -> Result<(), String> {
     let mut facts = parts.first().map(|it| it.session.facts.clone()).unwrap_or_default();
     let earliest = parts.iter().zip(offsets).find(|it| it.1.0 == 0).map(|it| &it.0.session);
     for key in ["began_unix_ns", "zero_unix_ns"] {

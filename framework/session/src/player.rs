@@ -11,9 +11,9 @@ use foveate_rig::graph::Graph;
 use mcap::records::Channel;
 
 use crate::names::{self, topic};
-use crate::recorder::is_picture;
 use crate::session::Session;
 use crate::viewer::Schema;
+use crate::wanted::is_picture;
 use crate::{body, order, picture};
 
 /// No edge carries more messages: a million a second for nine years.

@@ -194,21 +194,20 @@ impl Session {
             .collect())
     }
 
-    /// What each channel holds.
-    ///
-    /// # Errors
-    /// As [`Session::index`].
-    pub fn contents(&mut self) -> Result<BTreeMap<u16, Contents>, String> {
+    /// What each channel holds, and sentences about chunks that are damaged, whose messages are not counted.
+    pub fn contents(&mut self) -> (BTreeMap<u16, Contents>, Vec<String>) {
         let mut contents: BTreeMap<u16, Contents> = BTreeMap::new();
+        let mut damage = Vec::new();
         for chunk in 0..self.summary.chunks.len() {
-            for (channel, time, bytes) in self.index(chunk)? {
+            let found = self.index(chunk).map_err(|what| damage.push(what));
+            for (channel, time, bytes) in found.unwrap_or_default() {
                 let it = contents.entry(channel).or_default();
                 it.bytes += bytes;
                 it.times_ns.push(time);
             }
         }
         contents.values_mut().for_each(|it| it.times_ns.sort_unstable());
-        Ok(contents)
+        (contents, damage)
     }
 
     /// The last status that the recorder wrote.

@@ -38,7 +38,7 @@ pub(super) fn run(path: &Path, layout: Option<&Path>, whole: bool) -> u8 {
 }
 
 fn describe(session: &mut Session) -> Result<String, String> {
-    let contents = session.contents()?;
+    let (contents, damage) = session.contents();
     let mut text = String::new();
     let mut line = |it: String| {
         text += &it;
@@ -57,7 +57,7 @@ fn describe(session: &mut Session) -> Result<String, String> {
         session.summary.chunks.len(),
         session.fact("program"),
     ));
-    session.remarks.iter().for_each(|it| line(format!("note: {it}")));
+    session.remarks.iter().chain(&damage).for_each(|it| line(format!("note: {it}")));
     if !session.fact("cut").is_empty() {
         line(format!("a part, {}", session.fact("cut")));
     }

@@ -351,7 +351,7 @@ fn load_quietly(path: &Path, registry: &Registry, overrides: &Overrides) -> Resu
     })?;
     let graph = std::sync::Arc::new(graph);
     let mut sentences = foveate_session::source::lacking(&graph);
-    sentences.extend(foveate_session::recorder::misnamed(&graph));
+    sentences.extend(foveate_session::wanted::misnamed(&graph));
     match std::sync::Arc::try_unwrap(graph) {
         Ok(graph) if sentences.is_empty() => Ok(graph),
         _ => Err(complain(&sentences.join("\nerror: "))),

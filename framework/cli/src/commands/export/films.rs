@@ -37,7 +37,7 @@ pub(super) fn write(
     cameras: &[String],
     quiet: bool,
 ) -> Result<Vec<String>, String> {
-    let contents = session.contents()?;
+    let (contents, _) = session.contents();
     let mut films: BTreeMap<u16, Film> = BTreeMap::new();
     for (id, channel) in &session.summary.channels {
         let schema = session.summary.schemas.get(&channel.schema_id).map_or("", |it| it.0.name.as_str());

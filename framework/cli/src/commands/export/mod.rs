@@ -124,7 +124,7 @@ fn added(
     let (path, text) = recorded::unpack(session, folder)?;
     let graph = rig::load(&text, &path, &recorded::registry(registry), &Overrides::default());
     let graph = graph.map_err(|faults| faults.render(wants_color()).trim_start_matches("error: ").to_owned())?;
-    let (mut nodes, mut files) = (Added { text: String::new(), nodes: Vec::new() }, Vec::new());
+    let (mut nodes, mut files) = (Added { text: String::new(), nodes: Vec::new(), command: command(args) }, Vec::new());
     for instance in &graph.instances {
         for output in &instance.node_type.ports.outputs {
             let kind = output.message.name;
@@ -153,4 +153,12 @@ fn added(
         }
     }
     Ok(Some(Sinks { nodes, files }))
+}
+
+/// The export as it is typed, films aside.
+fn command(args: &ExportArgs) -> String {
+    let flags = [(args.tables, " --tables"), (args.c3d, " --c3d"), (args.glb, " --glb")];
+    let flags: String = flags.iter().filter(|it| it.0).map(|it| it.1).collect();
+    let rate = args.rate.map_or_else(String::new, |it| format!(" --rate {it}"));
+    format!("foveate export {}{flags}{rate}", args.session.display())
 }

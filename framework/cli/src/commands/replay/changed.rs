@@ -22,6 +22,8 @@ pub(in super::super) struct Added {
     pub text: String,
     /// Their names, `scale.node`.
     pub nodes: Vec<String>,
+    /// What was typed.
+    pub command: String,
 }
 
 pub(in super::super) fn run(
@@ -56,7 +58,8 @@ pub(in super::super) fn run(
         graph.host = host();
     }
     // The folder of the session's files goes away.
-    graph.resolved = format!("# {}\n{}", command(args), attach::without_folder(&graph.resolved));
+    let command = added.map_or_else(|| command(args), |it| it.command.clone());
+    graph.resolved = format!("# {command}\n{}", attach::without_folder(&graph.resolved));
     let graph = Arc::new(graph);
     into_folder(args, &graph, |options, observe| engine::deterministic(Arc::clone(&graph), options, observe))
 }

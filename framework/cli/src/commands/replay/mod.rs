@@ -110,7 +110,7 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
 }
 
 /// Runs into a results folder, and writes and shows what comes of it.
-pub(super) fn into_folder(
+fn into_folder(
     args: &ReplayArgs,
     graph: &Graph,
     run: impl FnOnce(&Options, &mut dyn FnMut(&Progress)) -> Result<Outcome, NodeError>,
