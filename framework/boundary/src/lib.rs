@@ -177,6 +177,11 @@ pub trait LibraryNode: Send {
     /// # Errors
     /// The words of a panic.
     fn process(&mut self, io: &mut Io<'_>) -> Caught<Result<(), NodeError>>;
+    /// [`Node::change`](foveate_node::Node::change), to settings of its own type.
+    ///
+    /// # Errors
+    /// The words of a panic.
+    fn change(&mut self, settings: &dyn Any) -> Caught<Result<(), ConfigError>>;
     /// [`Node::due`].
     ///
     /// # Errors
@@ -227,6 +232,9 @@ struct Running(Option<Box<dyn ErasedNode>>);
 impl LibraryNode for Running {
     fn process(&mut self, io: &mut Io<'_>) -> Caught<Result<(), NodeError>> {
         guarded(|| self.0.as_mut().map_or(Ok(()), |it| it.process(io)))
+    }
+    fn change(&mut self, settings: &dyn Any) -> Caught<Result<(), ConfigError>> {
+        guarded(|| self.0.as_mut().map_or(Ok(()), |it| it.change(settings)))
     }
     fn due(&mut self) -> Caught<Due> {
         guarded(|| self.0.as_mut().map_or(Due::Never, |it| it.due()))

@@ -11,6 +11,7 @@ use foveate_messages::{Interval, Time};
 
 use super::helpers::{Helpers, Kind};
 use super::lanes::{Lanes, Left, lock, try_lock};
+use super::pace::Pace;
 use super::stage::{Alone, Costs, Outgoing, Stage};
 use super::watch::{Watch, left_behind, patience};
 use super::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, view_edges};
@@ -21,8 +22,6 @@ use foveate_rig::graph::Graph;
 
 /// The wall clock is looked at once in so many events.
 const EVENTS_PER_CLOCK_READ: u64 = 16;
-/// Longest sleep of a paced run: bounds how late it notices a stop request.
-const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 /// Pause before a source that has nothing yet is polled again.
 const WAITING_PAUSE: Duration = Duration::from_millis(1);
 
@@ -46,8 +45,7 @@ pub(super) fn run(
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
     let started = Instant::now();
-    let mut main =
-        Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?.record(options.tap.as_ref());
+    let mut main = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Simulated)?.seen_by(options);
     let lanes = Arc::new(Lanes::take_from(&mut main, &graph));
     let mut whole = main.empty_like();
     let mut watched: Vec<Watch> = lanes.at().iter().chain([&main.at]).map(|it| Watch::new(Arc::clone(it))).collect();
@@ -116,7 +114,10 @@ struct Events {
     progress: Sender<Progress>,
     helpers: Helpers,
     started: Instant,
+    pace: Pace,
     now: Time,
+    /// The time of the last progress that was shown.
+    shown: Time,
     /// Sources by (due time, schedule order): ties are broken by the rig, not by chance.
     sources: BinaryHeap<Reverse<(Time, usize)>>,
     /// Those of lanes that may be ahead.
@@ -149,7 +150,9 @@ impl Events {
             shared,
             progress,
             started,
+            pace: Pace::new(started),
             now: Time::ZERO,
+            shown: Time::ZERO,
             sources: BinaryHeap::new(),
             ahead: BinaryHeap::new(),
             waiting: Vec::new(),
@@ -165,6 +168,9 @@ impl Events {
         let mut last_shown = self.started;
         let mut n_events = 0_u64;
         while !self.options.must_stop() && !self.is_abandoned() {
+            if self.options.controls.is_waiting() {
+                self.make_changes();
+            }
             if !self.next() {
                 return (self.now, false);
             }
@@ -204,9 +210,11 @@ impl Events {
     }
 
     fn show(&mut self) {
+        self.shown = self.now;
         let (graph, views) = (&self.graph, &mut self.views);
-        view_edges(graph, &lock(&self.shared.main), views);
-        self.shared.lanes.each(|stage| view_edges(graph, stage, views));
+        let with_ages = self.options.look.is_some();
+        view_edges(graph, &lock(&self.shared.main), views, with_ages);
+        self.shared.lanes.each(|stage| view_edges(graph, stage, views, with_ages));
         let progress = Progress { now: self.now, wall: self.started.elapsed(), edges: self.views.clone() };
         let _ = self.progress.send(progress); // nobody looks on any more: the run was given up
     }
@@ -361,14 +369,24 @@ impl Events {
         }
     }
 
-    /// A paced run waits until the wall clock shows `time`, unless it is to be stopped before.
-    fn wait_until(&self, time: Time) {
-        while self.options.paced && !self.options.must_stop() {
-            let ahead = time.0 - self.started.elapsed().as_nanos() as i64;
-            if ahead <= 0 {
-                return;
+    /// Waits until `time` may come: as the pace says, and as people hold the run.
+    fn wait_until(&mut self, time: Time) {
+        while let Some(pause) = self.pace.pause(time, &self.options) {
+            if self.options.controls.held().is_some() && self.shown != self.now {
+                self.show();
             }
-            std::thread::sleep(LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())));
+            if self.options.controls.is_waiting() {
+                self.make_changes();
+            }
+            self.pace.sleep(pause, time, &self.options);
         }
+    }
+
+    /// Makes the changes of settings that people want, while no lane is at work.
+    fn make_changes(&mut self) {
+        self.end_round();
+        let controls = &self.options.controls;
+        lock(&self.shared.main).make_changes(controls, self.now);
+        self.shared.lanes.each_mut(|stage| stage.make_changes(controls, self.now));
     }
 }

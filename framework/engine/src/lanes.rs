@@ -361,6 +361,11 @@ impl Lanes {
         self.bundles.iter().filter_map(try_lock).for_each(|it| show(&it.stage));
     }
 
+    /// Lets each stage that no thread works on be changed.
+    pub(crate) fn each_mut(&self, mut change: impl FnMut(&mut Stage)) {
+        self.bundles.iter().filter_map(try_lock).for_each(|mut it| change(&mut it.stage));
+    }
+
     /// Puts all lanes back at the end, but those that a thread is still at; what was still to become visible does. Gives the words of panics of the engine
     /// itself.
     pub(crate) fn give_back(&self, whole: &mut Stage) -> Vec<String> {

@@ -222,6 +222,11 @@ impl Ledger {
         self.age.percentile(fraction).map(|ns| Interval(ns as i64).as_s())
     }
 
+    /// Median, 99th percentile and greatest age at delivery [s].
+    pub(crate) fn ages_s(&self) -> Option<[f64; 3]> {
+        Some([self.age_s(0.5)?, self.age_s(0.99)?, self.age_max_s()?])
+    }
+
     /// Greatest age at delivery [s].
     pub fn age_max_s(&self) -> Option<f64> {
         self.age.max().map(|ns| Interval(ns as i64).as_s())

@@ -5,6 +5,7 @@
 
 mod budget;
 mod busy;
+pub mod controls;
 mod deterministic;
 mod dry;
 mod faults;
@@ -14,6 +15,8 @@ mod inbox;
 mod lanes;
 pub mod ledger;
 mod live;
+pub mod look;
+mod pace;
 mod primitives;
 mod replay;
 mod rounds;
@@ -36,9 +39,11 @@ pub use gates::{SuspensionSpan, Suspensions};
 pub use replay::{Feed, Source};
 
 use crate::ledger::Ledger;
+use controls::Controls;
 use foveate_node::error::{Blame, NodeError};
 use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
+use look::Look;
 use stage::Stage;
 use tap::{Event, Tap};
 
@@ -70,6 +75,10 @@ pub struct Options {
     pub is_cut_short: bool,
     /// Where the run is recorded, if it is.
     pub tap: Option<Tap>,
+    /// Where viewers look into the run, if any may.
+    pub look: Option<Look>,
+    /// Settings that people change while the run goes on, and how far it goes.
+    pub controls: Controls,
 }
 
 impl Options {
@@ -100,6 +109,14 @@ pub struct EdgeView {
     pub count: Option<u32>,
     /// Whether its requirement is unmet so far.
     pub unmet: bool,
+    /// Messages that should have been there and never were.
+    pub gaps: u64,
+    /// Messages lost in a queue, or passed over.
+    pub dropped: u64,
+    /// Messages captured earlier than one of the same source that came before.
+    pub late: u64,
+    /// Age at delivery: median, 99th percentile, greatest [s]; only where viewers may look into the run.
+    pub age_s: Option<[f64; 3]>,
 }
 
 /// The outcome of a run.
@@ -179,13 +196,17 @@ pub fn replay(
 }
 
 /// Views of the edges whose consumers run on `stage`, written into `views`.
-fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView]) {
+fn view_edges(graph: &Graph, stage: &Stage, views: &mut [EdgeView], with_ages: bool) {
     for ((end, edge), view) in stage.ends.iter().zip(&graph.edges).zip(views) {
         if let Some(end) = end {
             *view = EdgeView {
                 delivered: end.ledger.delivered,
                 rate_hz: end.ledger.rate_hz(),
                 count: end.ledger.count(),
+                gaps: end.ledger.gaps,
+                dropped: end.ledger.dropped,
+                late: end.ledger.late,
+                age_s: if with_ages { end.ledger.ages_s() } else { None },
                 unmet: edge
                     .require
                     .as_ref()
@@ -244,6 +265,7 @@ fn conclude(
     options: &Options,
 ) -> Outcome {
     let mut report = Report::default();
+    options.controls.end();
     stage.flush(ended);
     stage.finish(ended, &mut report);
     stage.note(ended, || Event::Ended { interrupted, is_cut_short: options.is_cut_short });

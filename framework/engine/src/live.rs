@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, Sender, bounded};
 use foveate_messages::{Interval, Time};
 
+use super::controls::Controls;
 use super::slot::{Numbered, Route};
 use super::stage::{Costs, Remote, Stage};
 use super::watch::{Watch, left_behind, patience};
@@ -153,8 +154,7 @@ pub(super) fn run(
     options: &Options,
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Outcome, NodeError> {
-    let mut whole =
-        Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?.record(options.tap.as_ref());
+    let mut whole = Stage::build(Arc::clone(&graph), options.out_dir.clone(), Costs::Ignored)?.seen_by(options);
     let cores = std::thread::available_parallelism().map_or(2, usize::from);
     let worker_of = assign_workers(&graph, options.workers.unwrap_or(cores + 1).max(1));
     let n_workers = worker_of.iter().max().map_or(1, |most| most + 1);
@@ -191,6 +191,8 @@ pub(super) fn run(
             },
             woken,
             sources: Vec::new(),
+            controls: options.controls.clone(),
+            with_ages: options.look.is_some(),
         })
         .collect();
     for (index, &worker) in worker_of.iter().enumerate() {
@@ -288,6 +290,9 @@ struct Worker {
     mailbox: Mailbox,
     woken: Receiver<()>,
     sources: Vec<usize>,
+    controls: Controls,
+    /// Whether progress has the ages on each edge.
+    with_ages: bool,
 }
 
 impl Worker {
@@ -318,6 +323,9 @@ impl Worker {
                 shared.wake_all();
             }
             let now = shared.now();
+            if self.controls.is_waiting() {
+                self.stage.make_changes(&self.controls, now);
+            }
             self.catch_up(now);
             while let Some(&Reverse((time, index, is_waiting))) = due.peek()
                 && time <= shared.now()
@@ -339,7 +347,7 @@ impl Worker {
             if last_shown.elapsed() >= PROGRESS_PERIOD {
                 last_shown = Instant::now();
                 let mut views = shared.views.lock().unwrap_or_else(PoisonError::into_inner);
-                view_edges(&self.graph, &self.stage, &mut views);
+                view_edges(&self.graph, &self.stage, &mut views, self.with_ages);
             }
             let until_due = due.peek().map_or(i64::MAX, |Reverse((time, ..))| (*time - shared.now()).0.max(0));
             self.stage.rest();

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use foveate_messages::{Quality, Time};
 use foveate_node::error::NodeError;
@@ -13,6 +13,7 @@ use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
 
 use crate::gates::is_anchor;
+use crate::pace::Pace;
 use crate::slot::Slot;
 use crate::stage::recorded::Given;
 use crate::stage::{Costs, Stage};
@@ -21,8 +22,6 @@ use crate::{EdgeView, Options, Outcome, PROGRESS_PERIOD, Progress, conclude, rem
 
 /// The wall clock is looked at once in so many events.
 const EVENTS_PER_CLOCK_READ: u64 = 64;
-/// Longest sleep of a paced replay: bounds how late it notices a stop request.
-const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 
 /// Where the messages of a node come from in a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,7 +88,8 @@ pub(super) fn run(
     {
         Source::Node => Slot::make(&graph, index, options.out_dir.clone()),
         Source::Recording => Ok(Box::new(StandIn(Arc::clone(&said[index])))),
-    })?;
+    })?
+    .seen_by(&Options { tap: None, ..options.clone() });
     let mut replay = Replay {
         stage,
         sources,
@@ -102,6 +102,7 @@ pub(super) fn run(
         now: Time::ZERO,
         end: None,
     };
+    let mut pace = Pace::new(started);
     let mut views = vec![EdgeView::default(); graph.edges.len()];
     let mut last_shown = started;
     let mut n_events = 0_u64;
@@ -115,7 +116,12 @@ pub(super) fn run(
                 break;
             }
         };
-        wait_until(entry.now, started, options);
+        while let Some(pause) = pace.pause(entry.now, options) {
+            pace.sleep(pause, entry.now, options);
+        }
+        for it in options.controls.take(|_| true) {
+            (it.done)(Err("a replay in the recorded order keeps the recorded settings".to_owned()));
+        }
         if let Err(what) = replay.follow(entry) {
             ended_by = Some(what);
             break;
@@ -124,7 +130,7 @@ pub(super) fn run(
         if n_events.is_multiple_of(EVENTS_PER_CLOCK_READ) && last_shown.elapsed() >= PROGRESS_PERIOD {
             last_shown = Instant::now();
             graph.host.tick(started.elapsed());
-            view_edges(&graph, &replay.stage, &mut views);
+            view_edges(&graph, &replay.stage, &mut views, options.look.is_some());
             observe(&Progress { now: replay.now, wall: started.elapsed(), edges: views.clone() });
         }
     }
@@ -143,17 +149,6 @@ pub(super) fn run(
         remark_costs(&graph, &mut outcome);
     }
     Ok(outcome)
-}
-
-/// A paced replay waits until the wall clock shows `time`, unless it is to be stopped before.
-fn wait_until(time: Time, started: Instant, options: &Options) {
-    while options.paced && !options.must_stop() {
-        let ahead = time.0.saturating_sub(started.elapsed().as_nanos() as i64);
-        if ahead <= 0 {
-            return;
-        }
-        std::thread::sleep(LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())));
-    }
 }
 
 /// A message on its way along an edge.
@@ -237,6 +232,14 @@ impl Replay<'_> {
                     if action.starts_with("stopped") {
                         self.stage.stop(instance, seen);
                     }
+                }
+            }
+            Event::Changed { instance, values } => {
+                if self.is_made(instance) {
+                    let changed = self.stage.change(instance, &values, now);
+                    changed.map_err(|what| {
+                        self.differs(now, instance, &format!("refuses settings ({what}), and took them"))
+                    })?;
                 }
             }
             Event::Ending => {

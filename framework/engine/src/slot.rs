@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crossbeam::channel::{Receiver, Sender};
 use foveate_messages::{Stamp, Time};
@@ -15,7 +16,7 @@ use crate::stage::Costs;
 use foveate_node::error::NodeError;
 use foveate_node::guard::guarded;
 use foveate_node::io::Packet;
-use foveate_node::registry::ErasedNode;
+use foveate_node::registry::{ErasedNode, Settings};
 use foveate_node::setup::Purpose;
 use foveate_rig::graph::{Graph, WhenFull};
 
@@ -23,6 +24,8 @@ use foveate_rig::graph::{Graph, WhenFull};
 pub(crate) struct Slot {
     /// `None`: stopped after a failure.
     pub(super) node: Option<Box<dyn ErasedNode>>,
+    /// Its settings, where they have changed since it was made.
+    pub(super) settings: Option<Arc<dyn Settings>>,
     pub(super) inboxes: Vec<Inbox>,
     pub(super) latest: Vec<Vec<Option<Packet>>>,
     /// By input port, by source: the edge that leads there.
@@ -139,6 +142,7 @@ impl Slot {
         let gate = gates.before(instance);
         Slot {
             node: Some(node),
+            settings: None,
             inboxes: inboxes.collect(),
             latest: input_edges.iter().map(|edges| vec![None; edges.len()]).collect(),
             input_edges,

@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use foveate_messages::{Stamp, Time, Wire};
 use foveate_node::error::NodeError;
+use foveate_node::given::Table;
 use foveate_node::io::{Gap, Packet};
 use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
@@ -102,6 +103,13 @@ pub enum Event {
         error: NodeError,
         /// What was done about it.
         action: &'static str,
+    },
+    /// Live settings of a node changed.
+    Changed {
+        /// The node.
+        instance: usize,
+        /// Their values from here on.
+        values: Table,
     },
     /// The data is over: what waits is delivered.
     Ending,

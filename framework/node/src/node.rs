@@ -104,6 +104,14 @@ pub trait Node: Send + Sized + 'static {
     /// When this message cannot be worked on; what happens then is the rig's `on_error`. "Nothing seen" is an answer, not an error.
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
 
+    /// Takes other settings between two activations. Only those differ from the present ones that are marked as live: `#[schemars(extend("live" = true))]`.
+    ///
+    /// # Errors
+    /// A setting, with what was found and expected; the node goes on with the present ones.
+    fn change(&mut self, _settings: Self::Settings) -> Result<(), ConfigError> {
+        Err(ConfigError::node(crate::registry::FIXED))
+    }
+
     /// Sources: when to be asked next. A source that needs time to get ready asks for an activation at [`Time::ZERO`]: a live run gives it before its
     /// clock starts.
     fn due(&mut self) -> Due {

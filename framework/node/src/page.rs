@@ -66,6 +66,12 @@ pub trait PageLink: Send {
     /// Sends a text to one window; `false` where that is closed, or reads so slowly that the message is skipped.
     fn send(&mut self, client: Client, text: &str) -> bool;
 
+    /// Sends bytes to one window. What waits there under the same `topic` is replaced: a window that reads slowly gets the newest. `false` where the window is closed, or so much
+    /// waits for it that the message is skipped, or the link carries texts alone.
+    fn send_latest(&mut self, _client: Client, _topic: u64, _bytes: Vec<u8>) -> bool {
+        false
+    }
+
     /// From now on each window that opens the page is sent this first, after the run too.
     fn greet(&mut self, text: &str);
 }

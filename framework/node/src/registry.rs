@@ -80,6 +80,9 @@ pub trait Settings: Send + Sync {
     fn is_live(&self) -> bool;
 }
 
+/// Of a node without live settings.
+pub(crate) const FIXED: &str = "its settings are fixed while the rig runs";
+
 /// A node, type-erased.
 pub trait ErasedNode: Send {
     /// [`Node::process`].
@@ -87,6 +90,13 @@ pub trait ErasedNode: Send {
     /// # Errors
     /// [`Node::process`]'s.
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError>;
+    /// [`Node::change`], to `settings` as [`Settings::as_any`] gives them.
+    ///
+    /// # Errors
+    /// [`Node::change`]'s.
+    fn change(&mut self, _settings: &dyn Any) -> Result<(), ConfigError> {
+        Err(ConfigError::node(FIXED))
+    }
     /// [`Node::due`].
     fn due(&mut self) -> Due;
     /// [`Node::finish`].
@@ -99,6 +109,12 @@ pub trait ErasedNode: Send {
 impl<N: Node> ErasedNode for N {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         Node::process(self, io)
+    }
+    fn change(&mut self, settings: &dyn Any) -> Result<(), ConfigError> {
+        match settings.downcast_ref::<N::Settings>() {
+            Some(settings) => Node::change(self, settings.clone()),
+            None => unreachable!("settings of another type than `{}`", N::TYPE),
+        }
     }
     fn due(&mut self) -> Due {
         Node::due(self)

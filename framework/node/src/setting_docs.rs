@@ -17,6 +17,8 @@ pub struct SettingDoc {
     pub default: Option<String>,
     /// What it is for, with its unit in brackets at the end.
     pub description: String,
+    /// Whether it may change while the rig runs.
+    pub is_live: bool,
 }
 
 /// All settings of `node_type`, in the order of its source where the schema keeps it.
@@ -43,6 +45,7 @@ fn collect(root: &Value, object: &Value, prefix: &str, docs: &mut Vec<SettingDoc
             range: range(schema),
             default: property.get("default").or_else(|| schema.get("default")).map(in_toml),
             description: described.unwrap_or_default().to_owned(),
+            is_live: property.get("live").is_some_and(|it| it == true),
         });
     }
 }

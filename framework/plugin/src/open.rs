@@ -195,6 +195,9 @@ impl ErasedNode for OutsideNode {
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
         on_this_side(crash::named(&self.words, || self.node.process(io)))
     }
+    fn change(&mut self, settings: &dyn Any) -> Result<(), ConfigError> {
+        on_this_side(crash::named(&self.words, || self.node.change(settings)))
+    }
     fn due(&mut self) -> Due {
         on_this_side(crash::named(&self.words, || self.node.due()))
     }

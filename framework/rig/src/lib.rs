@@ -13,6 +13,8 @@
 //! | requirements against the plan | `promise` |
 //! | budgets: their ends, then their paths and the plan | `budget`, `paths` |
 //! | the rig with every default filled in | `resolved` |
+//!
+//! [`live`] changes settings while a rig runs.
 
 mod anchors;
 mod budget;
@@ -21,6 +23,7 @@ mod finish;
 mod grammar;
 pub mod graph;
 mod libraries;
+pub mod live;
 mod lookup;
 mod node_text;
 mod nodes;

@@ -270,7 +270,7 @@ pub(super) fn instance_path(scale: &str, node: &str, camera: Option<&str>) -> St
 }
 
 /// Settings for a node, which knows no TOML.
-fn given_table(table: toml::Table) -> given::Table {
+pub(super) fn given_table(table: toml::Table) -> given::Table {
     table.into_iter().map(|(key, value)| (key, given_value(value))).collect()
 }
 

@@ -8,6 +8,7 @@ use foveate_messages::{SourceId, Stamp, Time};
 use foveate_node::error::{Blame, NodeError};
 use foveate_node::io::Gap;
 use foveate_node::report::Report;
+use foveate_rig::live;
 use serde_json::{Value, json};
 
 const MESSAGE: u8 = 0;
@@ -26,6 +27,7 @@ const FAILED: u8 = 12;
 const ENDING: u8 = 13;
 const FINISHED: u8 = 14;
 const ENDED: u8 = 15;
+const CHANGED: u8 = 16;
 
 /// What a recorder may find written about a failure: the engine's own words.
 const ACTIONS: [&str; 5] = ["stopped", "message skipped", "stopped after five failed restarts", "restarted", "failed"];
@@ -85,6 +87,11 @@ impl Encoder {
                 signed(bytes, seen.0);
                 text(bytes, &error.message);
                 text(bytes, action);
+            }
+            Event::Changed { instance, values } => {
+                put(CHANGED, &[*instance as u64]);
+                // What the node took can be written.
+                text(bytes, &live::in_toml(values).unwrap_or_default());
             }
             Event::Ending => put(ENDING, &[]),
             Event::Finished { instance, report, error } => {
@@ -164,6 +171,7 @@ impl Reader<'_> {
                 let action = ACTIONS.iter().find(|it| **it == action).unwrap_or(&ACTIONS[4]);
                 Event::Failed { instance, seen, error: error(is_program, message), action }
             }
+            CHANGED => Event::Changed { instance: self.index()?, values: live::from_toml(&self.text()?).ok()? },
             ENDING => Event::Ending,
             FINISHED => {
                 let (instance, blame, message) = (self.index()?, self.unsigned()?, self.text()?);

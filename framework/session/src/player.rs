@@ -170,7 +170,10 @@ impl Player {
         let (n_instances, n_edges) = (self.graph.instances.len(), self.graph.edges.len());
         let wrong = |what: &str| format!("`{}` names {what} that its rig does not have", self.session.path.display());
         match &mut entry.event {
-            Event::Activated { instance, .. } | Event::Failed { instance, .. } | Event::Finished { instance, .. } => {
+            Event::Activated { instance, .. }
+            | Event::Failed { instance, .. }
+            | Event::Changed { instance, .. }
+            | Event::Finished { instance, .. } => {
                 if *instance >= n_instances {
                     return Err(wrong("a node"));
                 }

@@ -95,13 +95,7 @@ impl BlobDetector {
         calibrated_size: Option<[u32; 2]>,
         background: Option<GrayPicture>,
     ) -> Result<Self, ImagingError> {
-        let cell = u64::from(settings.shrink * settings.shrink);
-        let limits = BlobLimits {
-            min_area: u64::from(settings.min_area_px).div_ceil(cell),
-            max_area: u64::from(settings.max_area_px).div_ceil(cell),
-            merge_px: settings.merge_px.div_ceil(settings.shrink),
-            max_blobs: settings.max_features as usize,
-        };
+        let limits = limits(&settings);
         limits.check()?;
         foreground_config(&settings).check()?;
         Ok(Self {
@@ -116,6 +110,22 @@ impl BlobDetector {
             plane: Vec::new(),
             smaller: Vec::new(),
         })
+    }
+
+    /// Goes on with other thresholds, limits and masks; what was learnt of the background stays.
+    ///
+    /// # Errors
+    /// A setting out of its range; nothing has changed then.
+    pub fn change(&mut self, settings: BlobSettings) -> Result<(), ImagingError> {
+        let limits = limits(&settings);
+        limits.check()?;
+        foreground_config(&settings).check()?;
+        if let Some(OfSize { size, part, foreground }) = &mut self.of_size {
+            foreground.set_mask(&masked(&settings, *size, *part)?)?;
+            foreground.set_thresholds(settings.threshold_sigma, settings.sure_sigma);
+        }
+        (self.settings, self.limits) = (settings, limits);
+        Ok(())
     }
 
     /// Fills `features` with the blobs of `image`, in scan order. `predicted` are pixels where targets are expected, whose blobs
@@ -215,15 +225,7 @@ impl BlobDetector {
         let factor = self.settings.shrink;
         let [width, height] = size.map(|it| (it / factor) as usize);
         let mut foreground = Foreground::new(foreground_config(&self.settings), width, height)?;
-        let mut masked = vec![false; width * height];
-        let scale = f64::from(factor);
-        for polygon in &self.settings.masks {
-            let small = |at: f64| (at + 0.5) / scale - 0.5;
-            let corners: Vec<Point2<f64>> =
-                polygon.iter().map(|corner| part.in_image(&Point2::from(*corner)).map(small)).collect();
-            fill_polygon(&mut masked, width, height, &corners)?;
-        }
-        foreground.set_mask(&masked)?;
+        foreground.set_mask(&masked(&self.settings, size, part)?)?;
         if let Some(picture) = &self.background {
             let [columns, rows] = picture.size;
             let view = ImageView::new(&picture.pixels, columns as usize, rows as usize)?;
@@ -239,6 +241,31 @@ fn smaller<'a>(view: &ImageView<'a>, factor: u32, buffer: &'a mut Vec<u8>) -> Re
     }
     let (width, height) = shrink(view, factor as usize, buffer)?;
     ImageView::new(buffer, width, height)
+}
+
+/// In pixels of the reduced picture.
+fn limits(settings: &BlobSettings) -> BlobLimits {
+    let cell = u64::from(settings.shrink * settings.shrink);
+    BlobLimits {
+        min_area: u64::from(settings.min_area_px).div_ceil(cell),
+        max_area: u64::from(settings.max_area_px).div_ceil(cell),
+        merge_px: settings.merge_px.div_ceil(settings.shrink),
+        max_blobs: settings.max_features as usize,
+    }
+}
+
+/// Which pixels are masked of the reduced form of a picture of `size` that shows `part`.
+fn masked(settings: &BlobSettings, size: [u32; 2], part: Window) -> Result<Vec<bool>, ImagingError> {
+    let [width, height] = size.map(|it| (it / settings.shrink) as usize);
+    let mut masked = vec![false; width * height];
+    let scale = f64::from(settings.shrink);
+    for polygon in &settings.masks {
+        let small = |at: f64| (at + 0.5) / scale - 0.5;
+        let corners: Vec<Point2<f64>> =
+            polygon.iter().map(|corner| part.in_image(&Point2::from(*corner)).map(small)).collect();
+        fill_polygon(&mut masked, width, height, &corners)?;
+    }
+    Ok(masked)
 }
 
 fn foreground_config(settings: &BlobSettings) -> ForegroundConfig {

@@ -66,6 +66,11 @@ impl Node for Detector {
         Ok(())
     }
 
+    fn change(&mut self, settings: BlobSettings) -> Result<(), ConfigError> {
+        settings.check()?;
+        self.blob_detector.change(settings).map_err(ConfigError::node)
+    }
+
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.shell.report(report);
         Ok(())

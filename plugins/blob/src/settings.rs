@@ -15,10 +15,10 @@ pub struct BlobSettings {
     #[schemars(range(min = 1, max = 10000))]
     pub learn_frames: u32,
     /// A pixel is foreground when further from the mean of its background than this many of its standard deviations [–].
-    #[schemars(range(min = 0.1, max = 1000.0))]
+    #[schemars(range(min = 0.1, max = 1000.0), extend("live" = true))]
     pub threshold_sigma: f32,
     /// A blob needs a pixel this far from its background, unless a target is expected there; at least `threshold_sigma` [–].
-    #[schemars(range(min = 0.1, max = 1000.0))]
+    #[schemars(range(min = 0.1, max = 1000.0), extend("live" = true))]
     pub sure_sigma: f32,
     /// Lower bound of a pixel's standard deviation: covers compression and flicker [gray level].
     #[schemars(range(min = 0.1, max = 255.0))]
@@ -37,16 +37,16 @@ pub struct BlobSettings {
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relearn_fraction: f64,
     /// Smallest blob kept [px²].
-    #[schemars(range(min = 1, max = 1000000000))]
+    #[schemars(range(min = 1, max = 1000000000), extend("live" = true))]
     pub min_area_px: u32,
     /// Largest blob kept [px²].
-    #[schemars(range(min = 1, max = 1000000000))]
+    #[schemars(range(min = 1, max = 1000000000), extend("live" = true))]
     pub max_area_px: u32,
     /// Pieces of foreground at most this far apart, in rows and in columns, are one blob [px].
-    #[schemars(range(min = 0, max = 10000))]
+    #[schemars(range(min = 0, max = 10000), extend("live" = true))]
     pub merge_px: u32,
     /// Blobs of one picture, at most; the largest are kept [–].
-    #[schemars(range(min = 1, max = 10000))]
+    #[schemars(range(min = 1, max = 10000), extend("live" = true))]
     pub max_features: u32,
     /// Which point of a blob is reported. Heads and feet are the same points from all sides, the middle is only nearly so [–].
     pub point: ReportedPoint,
@@ -58,6 +58,7 @@ pub struct BlobSettings {
     #[schemars(range(min = 1, max = 16))]
     pub shrink: u32,
     /// Regions in which nothing is detected, such as windows: a list of polygons, each a list of corners (x, y) [px].
+    #[schemars(extend("live" = true))]
     pub masks: Vec<Vec<[f64; 2]>>,
 }
 

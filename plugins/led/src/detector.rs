@@ -32,11 +32,14 @@ pub struct DetectorSettings {
     pub channel: ColourPlane,
     /// A pixel is lit when brighter than its learnt background by more than this: about three times the noise, and slow
     /// changes of the light [gray level].
+    #[schemars(extend("live" = true))]
     pub offset: u8,
     /// Lowest threshold, for dark backgrounds [gray level].
+    #[schemars(extend("live" = true))]
     pub min_threshold: u8,
     /// Smallest brightness of a light's brightest pixel. The rim of a light, down to the threshold, sharpens its centre; an area no
     /// brighter than a rim, such as a wall that a person has uncovered, is no light [gray level].
+    #[schemars(extend("live" = true))]
     pub min_peak: u8,
     /// Pictures that the background is learnt from; 0: no background, and `min_threshold` is used everywhere, which moving parts of pictures
     /// require [frames].
@@ -58,33 +61,34 @@ pub struct DetectorSettings {
     /// paper [–].
     pub centroid: CentroidKind,
     /// Regions that are not searched, such as monitors: a list of polygons, each a list of corners (x, y) [px].
+    #[schemars(extend("live" = true))]
     pub masks: Vec<Vec<[f64; 2]>>,
     /// `full`: every pixel; `sampled`: one row in `grid_px`, and windows where lights are expected [–].
     pub search: Search,
     /// In a sampled search, the distance of the searched rows. They shift from picture to picture, so that a small light at
     /// rest is found within this many pictures [px].
-    #[schemars(range(min = 1, max = 1000))]
+    #[schemars(range(min = 1, max = 1000), extend("live" = true))]
     pub grid_px: u32,
     /// In a sampled search, the side of the windows in which every pixel is searched [px].
-    #[schemars(range(min = 1, max = 10000))]
+    #[schemars(range(min = 1, max = 10000), extend("live" = true))]
     pub window_px: u32,
     /// Smallest spot kept; removes hot pixels and noise [px²].
-    #[schemars(range(min = 1, max = 10000000))]
+    #[schemars(range(min = 1, max = 10000000), extend("live" = true))]
     pub min_area_px: u32,
     /// Largest spot kept; removes lamps and windows [px²].
-    #[schemars(range(min = 1, max = 10000000))]
+    #[schemars(range(min = 1, max = 10000000), extend("live" = true))]
     pub max_area_px: u32,
     /// Largest ratio of a spot's longer to its shorter axis; removes reflections on edges [–].
-    #[schemars(range(min = 1.0, max = 1000.0))]
+    #[schemars(range(min = 1.0, max = 1000.0), extend("live" = true))]
     pub max_elongation: f64,
     /// Smallest part of its bounding box that a spot fills; removes hollow and branched objects [–].
-    #[schemars(range(min = 0.0, max = 1.0))]
+    #[schemars(range(min = 0.0, max = 1.0), extend("live" = true))]
     pub min_fill: f64,
     /// Whether touching lights are separated, and a light is separated from touching skin or cloth that is brighter than the learnt background; not
     /// with whole pixels (`centroid = "integer"`), as in the paper [–].
     pub part: bool,
     /// Most spots of one picture [–].
-    #[schemars(range(min = 1, max = 10000))]
+    #[schemars(range(min = 1, max = 10000), extend("live" = true))]
     pub max_features: u32,
     /// Noise of a pixel, standard deviation, from which the centres' covariance follows [gray level].
     #[schemars(range(min = 0.0, max = 255.0))]
@@ -228,6 +232,11 @@ impl Node for Detector {
             led_detector.find(image, predicted, features)
         });
         Ok(())
+    }
+
+    fn change(&mut self, settings: DetectorSettings) -> Result<(), ConfigError> {
+        settings.check()?;
+        self.led_detector.change(settings).map_err(ConfigError::node)
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {

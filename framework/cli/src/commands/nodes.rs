@@ -111,8 +111,12 @@ fn setting(it: &SettingDoc) -> String {
         Some(default) => format!("default {default}"),
         None => "required".to_owned(),
     };
-    let facts =
-        [Some(it.kind.clone()), it.range.clone(), Some(value)].into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let live = it.is_live.then(|| "live".to_owned());
+    let facts = [Some(it.kind.clone()), it.range.clone(), Some(value), live]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>()
+        .join(", ");
     let mut text = format!("  {}  ({facts})\n", it.name);
     // "[–]" says that there is no unit; in the list that goes without saying.
     let description = it.description.trim_end().trim_end_matches('.').trim_end_matches("[–]");

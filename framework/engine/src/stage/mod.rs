@@ -15,20 +15,25 @@ use std::time::Instant;
 use foveate_messages::{SourceId, Time};
 
 use self::finisher::{FINISH_PATIENCE, Finisher, Job};
+use crate::Options;
 use crate::budget;
+use crate::controls::{Change, Controls};
 use crate::faults::FaultLog;
 use crate::gates::Gates;
 use crate::inbox::{DeliveryOutcome, Inbox};
 use crate::ledger::Ledger;
-use crate::slot::{EdgeEnd, Route, Slot, enter};
+use crate::look::Look;
+use crate::slot::{EdgeEnd, Route, Slot, enter, in_words};
 use crate::tap::{Activation, Event, Lane, Tap};
 use foveate_node::error::NodeError;
+use foveate_node::given::Table;
 use foveate_node::guard::guarded;
 use foveate_node::io::{Delivery, Io, Outbox, Packet};
 use foveate_node::node::Due;
 use foveate_node::registry::ErasedNode;
 use foveate_node::report::Report;
 use foveate_rig::graph::Graph;
+use foveate_rig::live;
 
 /// What a worker must do when it has put a message on another one's queue.
 pub(crate) trait Remote {
@@ -95,6 +100,8 @@ pub(crate) struct Stage {
     pub(crate) queue_drops: Vec<QueueDrops>,
     /// Where what happens here is recorded.
     tap: Option<Lane>,
+    /// Where viewers look at what happens here.
+    look: Option<Look>,
     /// What activates the present node.
     how: Activation,
 }
@@ -150,14 +157,46 @@ impl Stage {
     pub(crate) fn empty_like(&self) -> Stage {
         Stage {
             tap: self.tap.as_ref().map(Lane::another),
+            look: self.look.clone(),
             ..Stage::empty(Arc::clone(&self.graph), Arc::clone(&self.gates), self.out_dir.clone())
         }
     }
 
-    /// Lets `tap` see what happens here, and in stages that are made like this one.
-    pub(crate) fn record(mut self, tap: Option<&Tap>) -> Stage {
-        self.tap = tap.map(Tap::lane);
+    /// Lets recorder and viewers see what happens here, and in stages that are made like this one.
+    pub(crate) fn seen_by(mut self, options: &Options) -> Stage {
+        self.tap = options.tap.as_ref().map(Tap::lane);
+        self.look.clone_from(&options.look);
         self
+    }
+
+    /// Changes settings of node `index` between two activations.
+    ///
+    /// # Errors
+    /// Why it goes on with those that it has.
+    pub(crate) fn change(&mut self, index: usize, values: &Table, now: Time) -> Result<(), String> {
+        let graph = Arc::clone(&self.graph);
+        let instance = &graph.instances[index];
+        let Some(slot) = &mut self.slots[index] else { return Err("it does not run here".to_owned()) };
+        let Some(node) = &mut slot.node else { return Err("it has stopped".to_owned()) };
+        let present = slot.settings.as_ref().unwrap_or(&instance.settings);
+        let changed = live::changed(instance, &**present, values).map_err(|it| in_words(&it))?;
+        match guarded(|| node.change(changed.as_any())) {
+            Ok(taken) => taken.map_err(|it| in_words(&it))?,
+            Err(said) => {
+                self.fail(index, now, now, NodeError::program(&said), true);
+                return Err(said);
+            }
+        }
+        slot.settings = Some(Arc::from(changed));
+        self.note(now, || Event::Changed { instance: index, values: values.clone() });
+        Ok(())
+    }
+
+    /// Makes the changes that people want of the nodes here.
+    pub(crate) fn make_changes(&mut self, controls: &Controls, now: Time) {
+        for Change { instance, values, done } in controls.take(|it| self.slots[it].is_some()) {
+            done(self.change(instance, &values, now));
+        }
     }
 
     /// Records what has happened.
@@ -192,6 +231,7 @@ impl Stage {
             at: Arc::default(),
             n_activations: 0,
             tap: None,
+            look: None,
             how: Activation::default(),
         }
     }

@@ -170,6 +170,9 @@ impl Stage {
             tap.push(now, Event::Delivered { edge, number: end.n_given, fate: Fate::Put });
             self.how = Activation::Message;
         }
+        if let Some(look) = &self.look {
+            look.see(index, *output, packet);
+        }
         end.n_given += 1;
         if slot.given.is_some()
             && let Some(slot) = &mut self.slots[index]
@@ -214,6 +217,9 @@ impl Stage {
         for (port, packet) in outbox.packets.drain(..) {
             if let Some(tap) = &self.tap {
                 tap.emitted(index, port, &packet, now);
+            }
+            if let Some(look) = &self.look {
+                look.see(index, port, &packet);
             }
             let n_routes = routes[port].len();
             let mut packet = Some(packet);

@@ -50,6 +50,9 @@ impl Stage {
         now: Time,
         mut along: impl FnMut(usize),
     ) {
+        if let Some(look) = &self.look {
+            look.see(index, port, packet);
+        }
         let Some(slot) = &mut self.slots[index] else { return };
         slot.give(port, packet.stamp, now);
         for route in slot.routes.get(port).into_iter().flatten() {

@@ -64,7 +64,8 @@ impl Stage {
         }
         slot.restart_at = None;
         let setup = graph.setup(index, self.out_dir.clone(), Purpose::Run);
-        let error = match guarded(|| instance.settings.build(&setup)) {
+        let settings = slot.settings.as_ref().unwrap_or(&instance.settings);
+        let error = match guarded(|| settings.build(&setup)) {
             Ok(Ok(node)) => {
                 slot.node = Some(node);
                 if slot.inboxes.iter().any(Inbox::may_trigger) {

@@ -143,6 +143,11 @@ impl Foreground {
         })
     }
 
+    /// Changes the two thresholds that can be adjusted while the system runs [standard deviations]; `sure` is at least `threshold`.
+    pub fn set_thresholds(&mut self, threshold: f32, sure: f32) {
+        (self.config.threshold_sigma, self.config.sure_sigma) = (threshold, sure);
+    }
+
     /// Masked pixels (`width × height`, row by row) are never foreground.
     pub fn set_mask(&mut self, masked: &[bool]) -> Result<(), ImagingError> {
         let expected = self.width * self.height;

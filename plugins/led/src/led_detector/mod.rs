@@ -126,26 +126,10 @@ impl LedDetector {
         calibrated_size: Option<[u32; 2]>,
         phase: u64,
     ) -> Result<Self, ImagingError> {
-        let limits = SpotLimits {
-            min_area: settings.min_area_px,
-            max_area: settings.max_area_px,
-            max_elongation: settings.max_elongation,
-            min_fill: settings.min_fill,
-            part: settings.part && settings.centroid == CentroidKind::Weighted,
-            max_spots: settings.max_features as usize,
-            ..SpotLimits::default()
-        };
+        let limits = limits(&settings);
         limits.check()?;
         background_config(&settings).map_or(Ok(()), |config| config.check())?;
-        let finder = SpotFinder::new(Measure {
-            centroid: match settings.centroid {
-                CentroidKind::Weighted => Centroid::Weighted,
-                CentroidKind::Integer => Centroid::Integer,
-            },
-            foot: settings.offset,
-            pixel_sigma: settings.pixel_noise,
-            ..Measure::default()
-        })?;
+        let finder = SpotFinder::new(measure(&settings))?;
         Ok(Self {
             settings,
             size: PictureSize::new(calibrated_size),
@@ -160,6 +144,26 @@ impl LedDetector {
             before: Vec::new(),
             now: Vec::new(),
         })
+    }
+
+    /// Goes on with other levels, limits and masks; what was learnt of the background stays.
+    ///
+    /// # Errors
+    /// A setting out of its range; nothing has changed then.
+    pub fn change(&mut self, settings: DetectorSettings) -> Result<(), ImagingError> {
+        let limits = limits(&settings);
+        limits.check()?;
+        let finder = SpotFinder::new(measure(&settings))?;
+        if let Some(of_size) = &mut self.of_size {
+            let (masked, floor) = masks(&settings, of_size.size, of_size.part)?;
+            of_size.floor = floor;
+            if let Some(background) = &mut of_size.background {
+                background.set_levels(settings.offset, settings.min_threshold);
+                background.set_mask(masked)?;
+            }
+        }
+        (self.settings, self.limits, self.finder) = (settings, limits, finder);
+        Ok(())
     }
 
     /// Fills `features` with the lights of `image`; `predicted` are pixels where targets are expected, whose windows are
@@ -285,15 +289,7 @@ impl LedDetector {
     /// Background, masks and lowest thresholds for pictures of `size` that show `part`.
     fn prepare(&self, size: [u32; 2], part: messages::Window) -> Result<OfSize, ImagingError> {
         let [width, height] = size.map(|it| it as usize);
-        let mut masked = vec![false; width * height];
-        for polygon in &self.settings.masks {
-            let corners: Vec<Point2<f64>> =
-                polygon.iter().map(|corner| part.in_image(&Point2::from(*corner))).collect();
-            fill_polygon(&mut masked, width, height, &corners)?;
-        }
-        let lowest = self.settings.min_threshold;
-        let thresholds = masked.iter().map(|&masked| if masked { 255 } else { lowest }).collect();
-        let floor = ThresholdMap::new(thresholds, width, height)?;
+        let (masked, floor) = masks(&self.settings, size, part)?;
         let background = match background_config(&self.settings) {
             None => None,
             Some(config) => {
@@ -329,6 +325,47 @@ impl DetectorSettings {
         let is_clear = off(nearest) <= self.hue_tolerance_deg && off(nearest) + CLEARER * hue.sigma_deg < second;
         (hue.saturation >= self.min_saturation && is_clear).then_some(nearest.label)
     }
+}
+
+fn limits(settings: &DetectorSettings) -> SpotLimits {
+    SpotLimits {
+        min_area: settings.min_area_px,
+        max_area: settings.max_area_px,
+        max_elongation: settings.max_elongation,
+        min_fill: settings.min_fill,
+        part: settings.part && settings.centroid == CentroidKind::Weighted,
+        max_spots: settings.max_features as usize,
+        ..SpotLimits::default()
+    }
+}
+
+fn measure(settings: &DetectorSettings) -> Measure {
+    Measure {
+        centroid: match settings.centroid {
+            CentroidKind::Weighted => Centroid::Weighted,
+            CentroidKind::Integer => Centroid::Integer,
+        },
+        foot: settings.offset,
+        pixel_sigma: settings.pixel_noise,
+        ..Measure::default()
+    }
+}
+
+/// Which pixels of a picture of `size` that shows `part` are masked, and the lowest threshold of each.
+fn masks(
+    settings: &DetectorSettings,
+    size: [u32; 2],
+    part: messages::Window,
+) -> Result<(Vec<bool>, ThresholdMap), ImagingError> {
+    let [width, height] = size.map(|it| it as usize);
+    let mut masked = vec![false; width * height];
+    for polygon in &settings.masks {
+        let corners: Vec<Point2<f64>> = polygon.iter().map(|corner| part.in_image(&Point2::from(*corner))).collect();
+        fill_polygon(&mut masked, width, height, &corners)?;
+    }
+    let lowest = settings.min_threshold;
+    let thresholds = masked.iter().map(|&masked| if masked { 255 } else { lowest }).collect();
+    Ok((masked, ThresholdMap::new(thresholds, width, height)?))
 }
 
 /// `None`: no background.
