@@ -13,6 +13,8 @@ const MOST_IN: usize = 256;
 /// Texts that wait to be sent to one window, and their bytes: a page that is so far behind shows nothing of use.
 const MOST_OUT: usize = 256;
 const MOST_OUT_BYTES: usize = 4 << 20;
+/// Longest message of bytes: a picture of 20 million pixels in three colours.
+const MOST_LATEST_BYTES: usize = 64 << 20;
 
 /// What was refused, skipped or dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -89,12 +91,30 @@ struct Entry {
     is_held: bool,
 }
 
+/// What waits to be sent to a window.
+#[derive(Debug, Clone)]
+pub(crate) enum Out {
+    /// A text.
+    Text(Arc<str>),
+    /// Bytes; later ones of the same topic take their place.
+    Latest(u64, Vec<u8>),
+}
+
+impl Out {
+    fn len(&self) -> usize {
+        match self {
+            Out::Text(text) => text.len(),
+            Out::Latest(_, bytes) => bytes.len(),
+        }
+    }
+}
+
 /// A window that is open.
 struct Window {
     page: String,
     /// Texts from it that wait for the node.
     n_in: usize,
-    out: VecDeque<Arc<str>>,
+    out: VecDeque<Out>,
     out_bytes: usize,
     /// Why it is to be closed.
     close: Option<&'static str>,
@@ -190,7 +210,32 @@ impl Board {
             return false;
         }
         window.out_bytes += text.len();
-        window.out.push_back(Arc::from(text));
+        window.out.push_back(Out::Text(Arc::from(text)));
+        drop(inner);
+        self.wake();
+        true
+    }
+
+    /// Bytes for a window, in the place of what waits there under the same topic.
+    pub(crate) fn send_latest(&self, name: &str, client: Client, topic: u64, bytes: Vec<u8>) -> bool {
+        let mut inner = self.lock();
+        let Some(window) = inner.windows.get_mut(&client).filter(|it| it.page == name && it.close.is_none()) else {
+            return false;
+        };
+        let waiting = window.out.iter().position(|it| matches!(it, Out::Latest(other, _) if *other == topic));
+        let freed = waiting.map_or(0, |it| window.out[it].len());
+        let is_full = waiting.is_none() && window.out.len() >= MOST_OUT;
+        // A single message may be larger than all that otherwise waits: a picture as it is.
+        let is_heavy = window.out_bytes > freed && window.out_bytes - freed + bytes.len() > MOST_OUT_BYTES;
+        if is_full || is_heavy || bytes.len() > MOST_LATEST_BYTES {
+            inner.counts.skipped += 1;
+            return false;
+        }
+        window.out_bytes = window.out_bytes - freed + bytes.len();
+        match waiting {
+            Some(place) => window.out[place] = Out::Latest(topic, bytes),
+            None => window.out.push_back(Out::Latest(topic, bytes)),
+        }
         drop(inner);
         self.wake();
         true
@@ -228,8 +273,8 @@ impl Board {
         inner.n_windows += 1;
         inner.counts.windows += 1;
         let client = Client(inner.n_windows);
-        let out: VecDeque<_> = entry.greeting.iter().cloned().collect();
-        let out_bytes = out.iter().map(|it| it.len()).sum();
+        let out: VecDeque<_> = entry.greeting.iter().cloned().map(Out::Text).collect();
+        let out_bytes = out.iter().map(Out::len).sum();
         inner.windows.insert(client, Window { page: name.to_owned(), n_in: 0, out, out_bytes, close: None });
         if entry.is_held {
             entry.events.push_back(PageEvent { client, arrival, what: PageNews::Opened });
@@ -269,12 +314,12 @@ impl Board {
     }
 
     /// What is to be sent to a window next.
-    pub(crate) fn next_out(&self, client: Client) -> Option<Arc<str>> {
+    pub(crate) fn next_out(&self, client: Client) -> Option<Out> {
         let mut inner = self.lock();
         let window = inner.windows.get_mut(&client)?;
-        let text = window.out.pop_front()?;
-        window.out_bytes -= text.len();
-        Some(text)
+        let next = window.out.pop_front()?;
+        window.out_bytes -= next.len();
+        Some(next)
     }
 
     /// Why a window is to be closed, if it is.
@@ -308,6 +353,25 @@ mod tests {
         assert_eq!((sent, board.counts().skipped), (MOST_OUT, 3));
         let big = "x".repeat(MOST_OUT_BYTES);
         assert!(board.next_out(client).is_some() && !board.send("a", client, &big), "bytes count, too");
+    }
+
+    #[test]
+    fn a_window_that_reads_slowly_gets_the_newest_bytes_of_each_topic() {
+        let board = Board::new();
+        board.open("a", "room.a", page()).unwrap();
+        let client = board.opened("a").unwrap();
+        for n in 0..3_u8 {
+            assert!(board.send_latest("a", client, 7, vec![n; 1000]) && board.send_latest("a", client, 8, vec![n]));
+        }
+        let taken: Vec<_> = std::iter::from_fn(|| board.next_out(client)).collect();
+        assert!(matches!(&taken[..], [Out::Latest(7, a), Out::Latest(8, b)] if a[..] == [2; 1000] && b[..] == [2]));
+        assert_eq!(board.counts().skipped, 0);
+        // One large picture is taken, and a second one beside it is not.
+        let large = vec![0; MOST_OUT_BYTES + 1];
+        assert!(board.send_latest("a", client, 1, large.clone()) && board.send_latest("a", client, 1, large.clone()));
+        assert!(!board.send_latest("a", client, 2, large) && board.counts().skipped == 1);
+        assert!(board.next_out(client).is_some() && board.next_out(client).is_none());
+        assert!(!board.send_latest("b", client, 1, vec![0]), "another page's window");
     }
 
     #[test]
@@ -350,7 +414,7 @@ mod tests {
         board.leave("a", number);
         let client = board.opened("a").unwrap();
         board.heard(client, "anybody there?".to_owned());
-        assert_eq!(board.next_out(client).as_deref(), Some("over"));
+        assert!(matches!(board.next_out(client), Some(Out::Text(text)) if &*text == "over"));
         assert_eq!(board.counts().dropped, 0);
     }
 }

@@ -12,7 +12,7 @@ use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 use crate::admission::{Admission, Refusal};
-use crate::board::Board;
+use crate::board::{Board, Out};
 use crate::http::{self, Reading, Request};
 
 /// A request must be there, and an answer or message taken, in this time.
@@ -371,8 +371,11 @@ impl Socket {
             }
         }
         while self.held.is_none() {
-            let Some(text) = board.next_out(self.client) else { break };
-            self.write(Message::text(&*text))?;
+            let Some(next) = board.next_out(self.client) else { break };
+            self.write(match next {
+                Out::Text(text) => Message::text(&*text),
+                Out::Latest(_, bytes) => Message::binary(bytes),
+            })?;
         }
         Ok(())
     }

@@ -151,6 +151,10 @@ impl PageLink for Link {
         self.board.send(&self.name, client, text)
     }
 
+    fn send_latest(&mut self, client: Client, topic: u64, bytes: Vec<u8>) -> bool {
+        self.board.send_latest(&self.name, client, topic, bytes)
+    }
+
     fn greet(&mut self, text: &str) {
         self.board.greet(&self.name, self.number, text);
     }
