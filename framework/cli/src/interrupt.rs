@@ -24,14 +24,14 @@ const TERM: Signal = Signal { name: "SIGTERM", code: 143 };
 #[cfg(unix)]
 const HUP: Signal = Signal { name: "SIGHUP", code: 129 };
 
-static LAST_WORDS: OnceLock<String> = OnceLock::new();
+static LAST_WORDS: Mutex<Option<String>> = Mutex::new(None);
 static CAUGHT: OnceLock<Signal> = OnceLock::new();
 static STOP: Mutex<Option<Arc<AtomicBool>>> = Mutex::new(None);
 static IS_LISTENING: OnceLock<Result<(), String>> = OnceLock::new();
 
 /// From now on a signal ends the program at once, with `words` on standard error, where [`stops`] was called before.
 pub fn ends(words: String) {
-    LAST_WORDS.get_or_init(|| words);
+    *LAST_WORDS.lock().unwrap_or_else(PoisonError::into_inner) = Some(words);
 }
 
 /// From now on a signal sets `stop`; one that came before sets it now.
@@ -39,6 +39,7 @@ pub fn ends(words: String) {
 /// # Errors
 /// A sentence when the system does not allow it.
 pub fn stops(stop: &Arc<AtomicBool>) -> Result<(), String> {
+    *LAST_WORDS.lock().unwrap_or_else(PoisonError::into_inner) = None;
     *STOP.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(stop));
     if CAUGHT.get().is_some() {
         stop.store(true, Ordering::Relaxed);
@@ -63,7 +64,7 @@ pub fn told(mut figures: Map<String, Value>, interrupted: bool) -> Map<String, V
 
 /// What each signal does.
 fn come(signal: Signal) {
-    if let Some(words) = LAST_WORDS.get() {
+    if let Some(words) = &*LAST_WORDS.lock().unwrap_or_else(PoisonError::into_inner) {
         // Beside the ^C that a terminal shows, and the line before it.
         let start = if std::io::stderr().is_terminal() { "\n" } else { "" };
         eprintln!("{start}{words}");

@@ -8,6 +8,7 @@ pub mod body;
 pub mod cut;
 pub mod file;
 mod gathered;
+pub mod glance;
 mod hidden;
 pub mod merge;
 pub mod names;

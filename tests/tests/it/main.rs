@@ -10,6 +10,7 @@ mod bundle_bal;
 mod calibrate;
 mod calibrate_clocks;
 mod calibrate_inputs;
+mod console;
 #[cfg(unix)]
 mod docs;
 mod evaluation;

@@ -48,7 +48,7 @@ pub fn refuses(folder: &Path, arguments: &[&str], words: &[&str]) {
 }
 
 #[track_caller]
-fn same_files(name: &str, a: &Path, b: &Path) {
+pub fn same_files(name: &str, a: &Path, b: &Path) {
     let (a, b) = (files(a), files(b));
     assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{name}");
     for (file, bytes) in &a {

@@ -191,6 +191,26 @@ impl Coverage {
         self.cameras.get(camera).map_or(0.0, |it| it.share(&self.options))
     }
 
+    /// Whether `camera` saw the light in as many frames and in as much of its image as suffices.
+    pub fn is_done(&self, camera: usize) -> bool {
+        let options = &self.options;
+        self.cameras.get(camera).is_some_and(|it| {
+            let share = it.share(options);
+            let is_saturated = share >= options.least_cells && it.since_full >= options.saturated_frames;
+            it.frames >= options.min_frames && (share >= options.min_cells || is_saturated)
+        })
+    }
+
+    /// What counts, and how much suffices.
+    pub fn options(&self) -> &CoverageOptions {
+        &self.options
+    }
+
+    /// Name of `camera`; empty for one that does not exist.
+    pub fn name(&self, camera: usize) -> &str {
+        self.cameras.get(camera).map_or("", |it| &it.name)
+    }
+
     /// Frames that two cameras saw together.
     pub fn common(&self, a: usize, b: usize) -> u32 {
         self.links.common(a, b)

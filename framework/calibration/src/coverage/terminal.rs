@@ -40,15 +40,6 @@ impl Painter<'_> {
         if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
     }
 
-    /// Frames on the way to what is needed.
-    fn is_done(&self, camera: usize) -> bool {
-        let camera = &self.coverage.cameras[camera];
-        let options = &self.coverage.options;
-        let share = camera.share(options);
-        let saturated = share >= options.least_cells && camera.since_full >= options.saturated_frames;
-        camera.frames >= options.min_frames && (share >= options.min_cells || saturated)
-    }
-
     fn partners(&self, camera: usize) -> usize {
         let common = |other: usize| self.coverage.links.common(camera, other);
         (0..self.coverage.cameras.len()).filter(|it| common(*it) >= self.coverage.options.min_common).count()
@@ -82,7 +73,7 @@ impl Painter<'_> {
 
     /// Name to the left, frames and a mark when that will do to the right.
     fn title(&self, camera: usize, width: usize) -> String {
-        let done = self.is_done(camera);
+        let done = self.coverage.is_done(camera);
         let count = format!("{}{}", self.coverage.cameras[camera].frames, if done { " ✓" } else { "" });
         let name = fitted(&self.coverage.cameras[camera].name, width.saturating_sub(count.chars().count() + 1));
         let count = self.painted(&count, if done { "32" } else { "33" });
@@ -139,7 +130,11 @@ impl Painter<'_> {
                 .map(|camera| {
                     let held = &self.coverage.cameras[camera];
                     let share = 100.0 * held.share(&self.coverage.options);
-                    let mark = if self.is_done(camera) { self.painted("✓", "32") } else { self.painted("·", "33") };
+                    let mark = if self.coverage.is_done(camera) {
+                        self.painted("✓", "32")
+                    } else {
+                        self.painted("·", "33")
+                    };
                     let (name, partners) = (fitted(&held.name, names), self.partners(camera));
                     format!("{name} {:>6}  {share:>3.0} % {partners:>5} {mark}", held.frames)
                 })

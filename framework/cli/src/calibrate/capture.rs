@@ -20,6 +20,7 @@ use foveate_structured_light::corners::CornersSettings;
 use super::boards::{self, BoardArgs};
 use super::guide::Guide;
 use super::recorder::{self, Gathered, Shared};
+use super::shown::Shown;
 use crate::interrupt;
 use crate::output::wants_color;
 
@@ -31,7 +32,7 @@ const TABLE: &str = "calibrate_observations";
 pub const OBSERVATIONS: &str = "observations.csv";
 
 /// How to run the rig.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub struct CaptureOptions {
     /// The node whose features to take; needed when a rig has several.
     pub node: Option<String>,
@@ -51,6 +52,8 @@ pub struct CaptureOptions {
     pub coverage: CoverageOptions,
     /// By place in the rig's calibration: the number of the camera, where it is used; empty: all are.
     pub numbers: Vec<Option<usize>>,
+    /// The console, for people who want one.
+    pub shown: Option<Arc<Shown>>,
 }
 
 /// What was seen.
@@ -115,9 +118,12 @@ pub fn capture(
         Arc::new(Mutex::new(Gathered { camera_frames: Vec::new(), coverage, numbers: numbers.clone() }));
     let mut registry = registry.clone();
     recorder::register(&mut registry, &shared);
-    let Detectors { graph, board, labels } = detectors(rig_path, draft, &registry, options)?;
+    let Detectors { mut graph, board, labels } = detectors(rig_path, draft, &registry, options)?;
     check(&graph)?;
     let board = boards::board(&options.board, board.as_ref())?;
+    if let Some(shown) = &options.shown {
+        graph.pages = shown.pages();
+    }
     let graph = Arc::new(graph);
     if let Some([min, max]) = graph.scales.first().and_then(|it| it.volume_m)
         && let Some(volume) = WorkingVolume::new(min.into(), max.into())
@@ -244,12 +250,19 @@ fn run(
     interrupt::stops(&engine_options.stop).map_err(|it| format!("error: {it}"))?;
     let has_device = graph.instances.iter().any(|it| it.is_live());
     let is_live = options.live || has_device;
+    let engine_options = match &options.shown {
+        Some(shown) => shown.open(graph, is_live, engine_options).map_err(|it| format!("error: {it}"))?,
+        None => engine_options,
+    };
     let mut guide = Guide::new(graph, is_live, is_board);
     let stop = Arc::clone(&engine_options.stop);
     let mut enough = false;
     let mut observe = |progress: &Progress| {
         if !options.quiet {
             guide.show(progress, shared);
+        }
+        if let Some(shown) = &options.shown {
+            shown.advance(progress, || lock(shared).coverage.clone(), is_board);
         }
         if is_live && options.stop_when_enough && guide.is_enough(shared) {
             enough = true;
@@ -259,6 +272,9 @@ fn run(
     let engine = if is_live { engine::live } else { engine::deterministic };
     let outcome = engine(Arc::clone(graph), &engine_options, &mut observe).map_err(|error| format!("error: {error}"));
     guide.end();
+    if let Some(shown) = &options.shown {
+        shown.begin("solving");
+    }
     let outcome = outcome?;
     let whole = graph.duration.map_or(String::new(), |it| format!(" of {} s", it.as_s()));
     let who = if enough { "enough was seen after" } else { "stopped by you after" };

@@ -9,4 +9,5 @@ pub mod path;
 pub mod places;
 mod recorder;
 pub mod selected;
+pub mod shown;
 pub mod words;

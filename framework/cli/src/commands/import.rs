@@ -14,7 +14,7 @@ use foveate_session::{Pictures, Recorder, Recording};
 use toml::Value;
 
 use super::replay::Unpacked;
-use super::run::{describe_recording, host};
+use super::run::{Faults, describe_recording, host};
 use super::{complain, session_file};
 use crate::outcome::failures;
 use crate::output::wants_color;
@@ -108,7 +108,7 @@ fn import(args: &ImportArgs, registry: &Registry) -> Result<u8, String> {
         }
     };
     if !args.quiet {
-        graph.host = host();
+        graph.host = host(true, Faults::default());
     }
     let graph = Arc::new(graph);
     let mut recording = Recording::of(&Record::default(), args.output.clone());

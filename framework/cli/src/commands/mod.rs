@@ -22,6 +22,9 @@ mod replay;
 mod report;
 mod run;
 mod sim;
+mod view;
+
+pub(crate) use run::server as page_server;
 
 use std::path::{Path, PathBuf};
 
@@ -58,6 +61,8 @@ enum Command {
     Run(RunArgs),
     /// Run a recorded session again: the same results from its file alone
     Replay(replay::ReplayArgs),
+    /// Look at a session in the console: play it, scrub, step
+    View(view::ViewArgs),
     /// Say what is in a session: messages, rates, what was left out, files
     Info {
         /// The session (MCAP)
@@ -189,6 +194,9 @@ pub struct RunArgs {
     /// Go on serving pages after the end of the run, until Ctrl-C
     #[arg(long)]
     stay: bool,
+    /// Show the run on a web page: cameras, room, health; live settings can be changed there. A run that could be faster keeps to the pace of the wall clock
+    #[arg(long)]
+    console: bool,
     /// Record the run into a session, which `foveate replay` runs again [default: session.mcap in the results folder]
     #[arg(long, value_name = "FILE.mcap", num_args = 0..=1, value_parser = session_file, value_hint = clap::ValueHint::FilePath)]
     record: Option<Option<PathBuf>>,
@@ -277,6 +285,7 @@ impl Cli {
         let registry = &registry;
         match self.command {
             Command::Run(args) => run::run(&args, registry),
+            Command::View(args) => view::run(&args, registry),
             Command::Replay(args) => replay::run(&args, registry),
             Command::Export(args) => export::run(&args, registry),
             Command::Import(args) => import::run(&args, registry),

@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, SystemTime};
 
+use foveate_console::{Console, Mode, Opening};
 use foveate_engine::tap::LeftOut;
 use foveate_engine::{self as engine, Options, Outcome, Progress};
 use foveate_node::setup::expand_path;
@@ -13,7 +14,7 @@ use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
 use foveate_rig::graph::Graph;
 use foveate_session::{Pictures, Recorder, Recording};
-use foveate_web::Server;
+use foveate_web::{Listen, Server};
 
 use super::info::size;
 use super::{RunArgs, complain, load, load_quietly};
@@ -32,15 +33,14 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
         Ok(graph) => graph,
         Err(code) => return code,
     };
-    let server = Arc::new(server(args));
+    let server = Arc::new(server(args.listen.clone(), args.quiet));
     graph.pages = Pages::served_by(Arc::<Server>::clone(&server));
-    if !args.quiet {
-        graph.host = host();
-    }
+    let faults = Faults::default();
+    graph.host = host(!args.quiet, Arc::clone(&faults));
     let graph = Arc::new(graph);
     let options = Options {
         workers: args.workers.map(usize::from),
-        paced: args.paced || (graph.paced && !args.unpaced),
+        paced: args.paced || ((graph.paced || args.console) && !args.unpaced),
         is_cut_short: args.duration.is_some(),
         ..Options::default()
     };
@@ -69,8 +69,25 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
             return complain(&sentence);
         }
     };
-    let options = Options { out_dir: Some(folder.to_path_buf()), tap: recorder.as_ref().map(Recorder::tap), ..options };
-    let outcome = run_into(args, &graph, &options, is_live);
+    let mode = if is_live { Mode::Live } else { Mode::Simulated };
+    let console = match args.console.then(|| console(&args.rig, &graph, mode, &stop, &folder, &faults)).transpose() {
+        Ok(console) => console,
+        Err(sentence) => {
+            folder.take_back(&results::BEFORE_THE_RUN);
+            return complain(&sentence);
+        }
+    };
+    let options = Options {
+        out_dir: Some(folder.to_path_buf()),
+        tap: recorder.as_ref().map(Recorder::tap),
+        look: console.as_ref().map(Console::look),
+        controls: console.as_ref().map(Console::controls).unwrap_or_default(),
+        ..options
+    };
+    let outcome = run_into(args, &graph, &options, is_live, console.as_ref());
+    if let Some(console) = &console {
+        console.finish();
+    }
     let session = recorder.as_ref().map(|it| it.path().to_owned());
     let recorded = recorder.map(|it| describe_recording(it, args.quiet, ("replay", "runs it again")));
     match outcome {
@@ -101,22 +118,46 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     }
 }
 
-/// Shows the first failures as they come; all of them follow at the end.
-pub(super) fn host() -> Host {
+/// Where failures go as they come, beside the terminal; empty until something listens.
+pub(super) type Faults = Arc<OnceLock<Box<dyn Fn(&str, &str) + Send + Sync>>>;
+
+/// Shows the first failures as they come, where that `is_shown`; all of them follow at the end.
+pub(super) fn host(is_shown: bool, faults: Faults) -> Host {
     let n_shown = AtomicUsize::new(0);
-    Host::new(move |instance, words| match n_shown.fetch_add(1, Ordering::Relaxed) {
-        SHOWN.. => {}
-        _ => eprintln!("{}error: {instance}: {}", line_start(), harmless(words)),
+    Host::new(move |instance, words| {
+        if let Some(tell) = faults.get() {
+            tell(instance, words);
+        }
+        if is_shown && n_shown.fetch_add(1, Ordering::Relaxed) < SHOWN {
+            eprintln!("{}error: {instance}: {}", line_start(), harmless(words));
+        }
     })
 }
 
+/// The console of a run.
+fn console(
+    rig: &Path,
+    graph: &Arc<Graph>,
+    mode: Mode,
+    stop: &Arc<AtomicBool>,
+    folder: &Path,
+    faults: &Faults,
+) -> Result<Console, String> {
+    let (graph, stop) = (Arc::clone(graph), Arc::clone(stop));
+    let opening = Opening { graph, rig: Some(rig.to_owned()), mode, stop, out_dir: Some(folder.to_owned()) };
+    let console = Console::open(opening)?;
+    // Nothing else was put there.
+    drop(faults.set(Box::new(console.on_fault())));
+    Ok(console)
+}
+
 /// The server of pages, which listens only where a rig has some.
-fn server(args: &RunArgs) -> Server {
-    let is_quiet = args.quiet;
-    Server::new(args.listen.clone().unwrap_or_default(), move |instance, address| {
+pub(crate) fn server(listen: Option<Listen>, is_quiet: bool) -> Server {
+    Server::new(listen.unwrap_or_default(), move |instance, address| {
         // A token is known from nowhere else.
         if !is_quiet || address.contains("?token=") {
-            eprintln!("page of {instance}: {address}");
+            let what = if instance == "console" { "console".to_owned() } else { format!("page of {instance}") };
+            eprintln!("{what}: {address}");
         }
     })
 }
@@ -195,9 +236,18 @@ pub(super) fn describe_recording(
     (text, recorded.failure)
 }
 
-fn run_into(args: &RunArgs, graph: &Arc<Graph>, options: &Options, is_live: bool) -> Result<Outcome, String> {
+fn run_into(
+    args: &RunArgs,
+    graph: &Arc<Graph>,
+    options: &Options,
+    is_live: bool,
+    console: Option<&Console>,
+) -> Result<Outcome, String> {
     let mut line = Line::new(graph);
     let mut observe = |progress: &Progress| {
+        if let Some(console) = console {
+            console.advance(progress);
+        }
         if !args.quiet {
             line.show(progress);
         }

@@ -5,6 +5,7 @@ mod of_session;
 mod plan;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::ValueEnum;
 use foveate_calibration::axes::{self, AxesArgs, AxesOptions, Given};
@@ -21,6 +22,7 @@ use foveate_geometry::CameraStatus;
 use foveate_node::Registry;
 use foveate_rig::graph::Graph;
 use foveate_scene::{Calibration, Draft, LengthUnit};
+use foveate_web::Listen;
 
 use self::conclude::{More, check_writable, conclude};
 use self::of_session::{OfSession, of_session};
@@ -31,6 +33,7 @@ use crate::calibrate::capture::{self, Captured};
 use crate::calibrate::path::{self, PathArgs};
 use crate::calibrate::places::{self, Known};
 use crate::calibrate::selected::Selected;
+use crate::calibrate::shown::Shown;
 use crate::calibrate::words;
 use crate::outcome::{harmless, lost};
 use crate::progress::Waiting;
@@ -124,6 +127,16 @@ pub struct CalibrateArgs {
     /// In a run on the wall clock, continue until Ctrl-C or the rig's end even when the light has covered the volume
     #[arg(long)]
     keep_going: bool,
+    /// Show coverage as it grows on a web page, also on a phone in the room, and then the verdict
+    #[arg(long)]
+    console: bool,
+    /// Where that page is served: a port of this machine, or an address at which other computers find it too, with the token that is printed then
+    /// [default: 127.0.0.1, port 8017 or the next one that is free]
+    #[arg(long, value_name = "[HOST:]PORT", requires = "console")]
+    listen: Option<Listen>,
+    /// Go on serving it after the verdict, until Ctrl-C
+    #[arg(long, requires = "console")]
+    stay: bool,
     /// Show no progress
     #[arg(long, short)]
     quiet: bool,
@@ -172,17 +185,30 @@ fn length_mm(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &CalibrateArgs, registry: &Registry) -> u8 {
-    let code = match calibrate(args, registry) {
-        Ok(code) => code,
+    let shown = args.console.then(|| Arc::new(Shown::new(args.listen.clone(), args.quiet)));
+    let code = match calibrate(args, registry, shown.as_ref()) {
+        Ok(code) => {
+            // Of a path that was measured the terminal has the verdict.
+            if let Some(shown) = &shown {
+                shown.begin("done");
+            }
+            code
+        }
         Err(sentences) => {
             eprintln!("{}", sentences.trim_end());
+            if let Some(shown) = &shown {
+                shown.conclude("failed", sentences.trim_end());
+            }
             exit::INPUT
         }
     };
+    if let Some(shown) = shown.filter(|_| args.stay) {
+        shown.stay();
+    }
     interrupt::caught().map_or(code, |it| it.code)
 }
 
-fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
+fn calibrate(args: &CalibrateArgs, registry: &Registry, shown: Option<&Arc<Shown>>) -> Result<u8, String> {
     let givens = axes_args(args).givens().map_err(|fault| format!("error: {fault}"))?;
     let session = of_session(args)?;
     let rig = OfSession::rig(&session, &args.rig);
@@ -215,6 +241,7 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         board: args.board,
         coverage: Default::default(),
         numbers: selected.numbers(draft.calibration.cameras.len()),
+        shown: shown.cloned(),
     };
     let check_graph = |graph: &Graph| {
         let has_labels = graph.instances.iter().any(|it| LABELLED.contains(&it.node_type.name));
@@ -340,6 +367,9 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
         false => None,
     };
     drop(solving);
+    if let Some(shown) = shown {
+        shown.begin("checking");
+    }
     let checking = Waiting::new("checking it", args.quiet);
     // The marks of a board lie in a plane, and each view is judged by itself whether it holds the optics.
     let check_options = match &board {
@@ -359,6 +389,9 @@ fn calibrate(args: &CalibrateArgs, registry: &Registry) -> Result<u8, String> {
     }
     if board.is_some() {
         checks.verdict.sentences.iter_mut().for_each(|it| *it = boards::of_board(it));
+    }
+    if let Some(shown) = shown {
+        shown.conclude(&checks.verdict.level.to_string(), &checks.to_string());
     }
     let words: String = notes.iter().map(|it| format!("{it}\n")).collect();
     let older = Some(draft.calibration.clone());

@@ -10,7 +10,7 @@ use foveate_rig::{self as rig, Overrides};
 use foveate_session::replay::{self, Begin};
 use foveate_session::{Session, attach, playback};
 
-use super::super::run::host;
+use super::super::run::{Faults, host};
 use super::super::{complain, load_quietly};
 use super::{ReplayArgs, into_folder, say_what_is_made};
 use crate::exit;
@@ -54,9 +54,7 @@ pub(in super::super) fn run(
         Ok(graph) => graph,
         Err(sentence) => return complain(&sentence),
     };
-    if !args.quiet {
-        graph.host = host();
-    }
+    graph.host = host(!args.quiet, Faults::default());
     // The folder of the session's files goes away.
     let command = added.map_or_else(|| command(args), |it| it.command.clone());
     graph.resolved = format!("# {command}\n{}", attach::without_folder(&graph.resolved));

@@ -13,7 +13,7 @@ use foveate_session::replay::{self, LoadError};
 use foveate_session::{Player, Session};
 
 use super::complain;
-use super::run::{conclude, host};
+use super::run::{Faults, conclude, host};
 use crate::output::wants_color;
 use crate::progress::Line;
 use crate::{exit, interrupt, results};
@@ -91,9 +91,7 @@ pub(super) fn run(args: &ReplayArgs, registry: &Registry) -> u8 {
             return exit::INPUT;
         }
     };
-    if !args.quiet {
-        graph.host = host();
-    }
+    graph.host = host(!args.quiet, Faults::default());
     let graph = Arc::new(graph);
     let (sources, remarks) = replay::sources(&graph, &session);
     if !args.quiet {

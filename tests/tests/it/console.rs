@@ -1,0 +1,296 @@
+//! The console of a run, as a page talks to it.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+
+use crate::sessions::{must, same_files};
+use crate::the_program::{new_room, program};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A program that shows a console; it is killed with this.
+pub struct Shown {
+    child: Child,
+    /// Of the page.
+    pub address: String,
+}
+
+impl Shown {
+    /// `foveate` with these arguments, in `folder`.
+    pub fn start(folder: &Path, arguments: &[&str]) -> Shown {
+        let mut command = Command::new(program());
+        let mut child =
+            command.args(arguments).current_dir(folder).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        let address = lines.find_map(|it| it.strip_prefix("console: ").map(str::to_owned)).expect("no console");
+        // Read to its end, so that the program never waits for a full pipe.
+        std::thread::spawn(move || lines.for_each(drop));
+        Shown { child, address }
+    }
+
+    /// Waits until the program ends by itself.
+    pub fn end(&mut self) {
+        let until = Instant::now() + PATIENCE;
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < until, "the program does not end");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Shown {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// A window of the page without a browser.
+struct Window {
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    hello: Value,
+    n: i64,
+}
+
+/// What comes over the socket.
+enum Came {
+    Text(Value),
+    Frame(Frame),
+}
+
+struct Frame {
+    topic: u32,
+    kind: u32,
+    time_s: f64,
+    header: Value,
+    payload: Vec<u8>,
+}
+
+impl Window {
+    fn open(address: &str) -> Window {
+        let socket = address.replace("http://", "ws://") + "socket";
+        let (socket, _) = tungstenite::connect(socket).unwrap();
+        let mut window = Window { socket, hello: Value::Null, n: 0 };
+        window.hello = window.text("hello");
+        window
+    }
+
+    fn next(&mut self) -> Came {
+        loop {
+            match self.socket.read().unwrap() {
+                Message::Text(text) => return Came::Text(serde_json::from_str(&text).unwrap()),
+                Message::Binary(bytes) => {
+                    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+                    let time_s = f64::from_le_bytes(bytes[8..16].try_into().unwrap());
+                    let end = 32 + word(28) as usize;
+                    let header = serde_json::from_slice(&bytes[32..end]).unwrap();
+                    let payload = bytes[end..].to_vec();
+                    return Came::Frame(Frame { topic: word(0), kind: word(4), time_s, header, payload });
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The next text of that kind.
+    fn text(&mut self, say: &str) -> Value {
+        self.until(|it| match it {
+            Came::Text(text) if text["say"] == say => Some(text),
+            _ => None,
+        })
+    }
+
+    fn until<T>(&mut self, mut found: impl FnMut(Came) -> Option<T>) -> T {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            assert!(Instant::now() < until, "it does not come");
+            if let Some(it) = found(self.next()) {
+                return it;
+            }
+        }
+    }
+
+    fn say(&mut self, command: Value) {
+        self.socket.send(Message::text(command.to_string())).unwrap();
+    }
+
+    /// Gives a command; its answer.
+    fn ask(&mut self, mut command: Value) -> (bool, String) {
+        self.n += 1;
+        command["n"] = json!(self.n);
+        let n = self.n;
+        self.say(command);
+        let answer = self.until(|it| match it {
+            Came::Text(text) if text["say"] == "answer" && text["n"] == n => Some(text),
+            _ => None,
+        });
+        (answer["ok"] == true, answer["words"].as_str().unwrap().to_owned())
+    }
+
+    fn node(&self, name: &str) -> usize {
+        self.hello["nodes"].as_array().unwrap().iter().position(|it| it["name"] == name).unwrap()
+    }
+
+    fn topic(&self, path: &str) -> usize {
+        self.hello["topics"].as_array().unwrap().iter().position(|it| it["path"] == path).unwrap()
+    }
+
+    /// The next state whose session time is `now_s` or later.
+    fn state_at(&mut self, now_s: f64) -> Value {
+        self.until(|it| match it {
+            Came::Text(text) if text["say"] == "state" && text["now_s"].as_f64().is_some_and(|it| it >= now_s) => {
+                Some(text)
+            }
+            _ => None,
+        })
+    }
+}
+
+#[test]
+fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_room(folder.path());
+    assert!(rig.contains("offset = ") && rig.contains('#'), "the rig has a threshold and comments");
+    for (name, more) in [("simulated", &[][..]), ("live", &["--live"])] {
+        fs::write(folder.path().join("room.toml"), &rig).unwrap();
+        let session = format!("{name}.mcap");
+        let run =
+            ["run", "room.toml", "--console", "--listen", "0", "--duration", "4", "--out", name, "--record", &session];
+        let mut shown = Shown::start(folder.path(), &[&run[..], more].concat());
+        let mut window = Window::open(&shown.address);
+        let leds = window.node("room.leds");
+        window.state_at(0.5);
+        let masks = json!([[[0.0, 0.0], [320.0, 0.0], [320.0, 480.0], [0.0, 480.0]]]);
+        let set = |values: Value| json!({ "do": "set", "node": leds, "values": values });
+        assert_eq!(window.ask(set(json!({ "offset": 60, "masks": masks }))), (true, "changed".to_owned()), "{name}");
+        // What cannot be says why, and changes nothing.
+        for (values, words) in [
+            (json!({ "offset": 300 }), "u8"),
+            (json!({ "learn_frames": 5 }), "fixed"),
+            (json!({ "no_such": 5 }), "no setting"),
+            (json!({ "max_area_px": 1 }), "found 1"),
+            (json!({ "masks": [[[0.0, 0.0]]] }), "found 1 corners"),
+        ] {
+            let (is_ok, said) = window.ask(set(values.clone()));
+            assert!(!is_ok && said.contains(words), "{values}: {said}");
+        }
+        // Another window learns it, too.
+        let mut other = Window::open(&shown.address);
+        assert_eq!(other.text("settings")["values"]["offset"], 60);
+        let unsaved = window.state_at(0.6)["unsaved"].clone();
+        assert_eq!(unsaved, json!(["room.leds.masks", "room.leds.offset"]));
+        let (is_ok, said) = window.ask(json!({ "do": "save" }));
+        assert!(is_ok && said == "saved 2 settings to room.toml", "{said}");
+        // Later ones are not lost by a run that ends.
+        assert!(window.ask(set(json!({ "offset": 45 }))).0);
+        shown.end();
+
+        let saved = fs::read_to_string(folder.path().join("room.toml")).unwrap();
+        assert!(saved.contains("offset = 60") && saved.contains("masks = [[[0.0, 0.0], [320.0, 0.0]"), "{saved}");
+        let others = |text: &str| -> Vec<String> {
+            text.lines().filter(|it| !it.starts_with("offset") && !it.starts_with("masks")).map(str::to_owned).collect()
+        };
+        assert_eq!(others(&saved), others(&rig), "comments and order stay");
+        must(folder.path(), &["check", "room.toml"]);
+
+        let again = format!("{name}-again");
+        must(folder.path(), &["replay", &session, "--quiet", "--out", &again]);
+        same_files(name, &folder.path().join(name), &folder.path().join(&again));
+    }
+    // The change has changed something.
+    fs::write(folder.path().join("room.toml"), &rig).unwrap();
+    must(folder.path(), &["run", "room.toml", "--duration", "4", "--quiet", "--out", "plain"]);
+    let table = |out: &str| fs::read(folder.path().join(out).join("targets.csv")).unwrap();
+    assert!(table("plain") != table("simulated"));
+}
+
+#[test]
+fn a_simulated_run_waits_steps_and_goes_on_and_viewers_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    let run = ["run", "room.toml", "--console", "--listen", "0", "--duration", "3", "--out", "shown"];
+    let mut shown = Shown::start(folder.path(), &run);
+    let mut window = Window::open(&shown.address);
+    assert_eq!(window.hello["rig"]["mode"], "simulated");
+    window.state_at(0.3);
+    let go = |what: &str| json!({ "do": what });
+    assert!(window.ask(go("pause")).0);
+    let paused = window.until(|it| match it {
+        Came::Text(text) if text["phase"] == "paused" => Some(text),
+        _ => None,
+    });
+    // Pictures and what was found in them, of one moment.
+    let (image, features) = (window.topic("room.video[wide-1].image"), window.topic("room.leds[wide-1].features"));
+    window.say(json!({ "do": "subscribe", "topics": [
+        { "topic": image, "as": "picture", "width": 200, "hz": 30 }, { "topic": features, "as": "value", "hz": 30 },
+    ] }));
+    assert!(window.ask(go("step")).0 && window.ask(go("step")).0 && window.ask(go("step")).0);
+    let mut seen = [None, None];
+    while seen.iter().any(Option::is_none) {
+        let frame = window.until(|it| if let Came::Frame(frame) = it { Some(frame) } else { None });
+        let place = usize::from(frame.topic as usize == features);
+        assert_eq!(frame.kind, [2, 1][place]);
+        seen[place] = Some(frame);
+    }
+    let [Some(picture), Some(found)] = seen else { unreachable!() };
+    let size = [&picture.header["width"], &picture.header["height"]].map(|it| it.as_u64().unwrap() as usize);
+    assert!(size[0] <= 200 && picture.payload.len() == size[0] * size[1], "{size:?}");
+    assert!(found.header["list"].is_array() && found.header["camera"].is_number());
+    assert!(picture.time_s < paused["now_s"].as_f64().unwrap() + 1.0, "it waits");
+    assert!(!window.ask(json!({ "do": "seek", "to_s": 0.0 })).0, "a run only goes forwards");
+    assert!(window.ask(go("go")).0);
+    // A second window that never reads holds nothing up.
+    let _stalled = Window::open(&shown.address);
+    shown.end();
+    must(folder.path(), &["run", "room.toml", "--duration", "3", "--quiet", "--out", "plain"]);
+    same_files("shown", &folder.path().join("plain"), &folder.path().join("shown"));
+}
+
+#[test]
+fn a_session_is_looked_at_forwards_and_backwards() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    must(folder.path(), &["run", "room.toml", "--duration", "2", "--quiet", "--record", "s.mcap", "--out", "run"]);
+    let shown = Shown::start(folder.path(), &["view", "s.mcap", "--listen", "0"]);
+    let mut window = Window::open(&shown.address);
+    assert_eq!(window.hello["rig"]["mode"], "session");
+    let targets = window.topic("room.targets.targets");
+    window.say(json!({ "do": "subscribe", "topics": [{ "topic": targets, "as": "value", "hz": 60 }] }));
+    assert!(window.ask(json!({ "do": "pause" })).0);
+    let mut at = |to_s: f64| {
+        assert!(window.ask(json!({ "do": "seek", "to_s": to_s })).0);
+        window.until(|it| match it {
+            Came::Frame(frame) if (frame.time_s - to_s).abs() < 0.06 => Some(frame.header["list"].clone()),
+            _ => None,
+        })
+    };
+    let (late, early, again) = (at(1.9), at(1.0), at(1.9));
+    assert!(late != early && late == again && late.as_array().unwrap().len() > 3);
+    // A picture on, and back.
+    let now = |window: &mut Window| window.text("state")["now_s"].as_f64().unwrap();
+    let step = |window: &mut Window, by: i32| {
+        assert!(window.ask(json!({ "do": "step", "by": by })).0);
+        now(window);
+        now(window)
+    };
+    let first = now(&mut window);
+    let (on, back) = (step(&mut window, 1), step(&mut window, -1));
+    assert!(on > first && on < first + 0.03 && back <= first && back > first - 0.03, "{first} {on} {back}");
+    // A part again and again, at twice the speed.
+    assert!(!window.ask(json!({ "do": "loop", "from_s": 1.0, "to_s": 1.0 })).0);
+    assert!(window.ask(json!({ "do": "loop", "from_s": 0.5, "to_s": 0.9 })).0);
+    assert!(window.ask(json!({ "do": "speed", "factor": 2.0 })).0 && window.ask(json!({ "do": "go" })).0);
+    let times: Vec<f64> = (0..8).map(|_| now(&mut window)).skip(1).collect();
+    assert!(times.iter().all(|it| (0.5..0.9).contains(it)), "{times:?}");
+    assert!(times.windows(2).any(|it| it[1] < it[0]), "{times:?}");
+    let refused = window.ask(json!({ "do": "set", "node": 0, "values": { "offset": 1 } }));
+    assert!(!refused.0 && refused.1.contains("replay --set"), "{}", refused.1);
+}
