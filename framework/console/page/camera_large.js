@@ -1,15 +1,15 @@
 // @ts-check
 // One camera, large: down to its pixels, with its detector's thresholds, false features and masks.
 import { clock, make, number, plural, write } from "./dom.js";
+import { ARROWS, cameraStage, tool } from "./camera_stage.js";
 import { heatMap } from "./heat.js";
 import { masksOf, setting, traffic } from "./lookup.js";
 import { maskPainter } from "./masks.js";
 import { Matched } from "./matched.js";
 import { drawFeatures, drawMasks, SILHOUETTE } from "./overlay.js";
 import { GRAY, palette, Picture } from "./picture.js";
-import { saveBar, settingsEditor } from "./settings.js";
+import { maySet, saveBar, settingsEditor } from "./settings.js";
 import { silence } from "./camera_tile.js";
-import { zoomed } from "./zoom.js";
 
 /** @typedef {import("./main.js").Frame} Frame */
 
@@ -17,12 +17,7 @@ const PICTURE_HZ = 20;
 const SILHOUETTE_HZ = 30;
 /** As often as they come, so that those of each picture are there. */
 const FEATURE_HZ = 60;
-const PAN_PX = 60;
-const ZOOM_STEP = 1.25;
-/** Pixels enlarged by more than this are shown as they are. */
-const SMOOTH_UP_TO = 2;
 const NEAR_PX = 8;
-const MARKS_FOR_PX = 1000;
 
 /**
  * @param {import("./main.js").Context} context
@@ -48,7 +43,7 @@ export function largeCamera(context, camera, grid) {
 
   const maskNode = camera.detectors.find((node) => setting(hello, node, "masks")) ?? null;
   const maskSetting = maskNode === null ? null : setting(hello, maskNode, "masks");
-  const canPaint = Boolean(maskSetting?.live) && hello.may_change;
+  const canPaint = Boolean(maskSetting?.live) && maySet(context);
   const painter = maskPainter(
     () => maskSetting?.value ?? [],
     async (masks) => {
@@ -58,9 +53,7 @@ export function largeCamera(context, camera, grid) {
     },
   );
 
-  const canvas = make("canvas", { tabindex: 0, role: "img", "aria-label": `Pictures of ${camera.name}` });
-  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
-  const zoom = zoomed(canvas, camera.size, {
+  const stage = cameraStage(context, camera, {
     changed: touch,
     over(u, v) {
       pointer = [u, v];
@@ -77,6 +70,7 @@ export function largeCamera(context, camera, grid) {
       tell();
     },
   });
+  const { canvas, pen, zoom } = stage;
 
   function touch() {
     dirty = true;
@@ -88,8 +82,6 @@ export function largeCamera(context, camera, grid) {
   const title = make("b");
   const facts = make("span", { class: "dim" });
   const reading = make("output", { class: "reading", "aria-label": "Pixel" });
-  const zoomWords = make("span", { class: "dim zoom-words" });
-  const tool = (/** @type {string} */ words, /** @type {string} */ key, /** @type {() => void} */ act, /** @type {string} */ says = words) => make("button", { type: "button", class: "tool", title: says, "aria-label": says, "aria-keyshortcuts": key, onclick: act }, words, make("kbd", {}, key));
   /** @type {[keyof typeof on, string, string, string, boolean][]} */
   const switches = [
     ["features", "Features", "f", "Features that were found", camera.features.length > 0],
@@ -109,7 +101,7 @@ export function largeCamera(context, camera, grid) {
     title,
     facts,
     make("span", { class: "tools" }, ...buttons.values()),
-    make("span", { class: "tools" }, tool("−", "-", () => zoom.by(1 / ZOOM_STEP), "Smaller"), tool("+", "+", () => zoom.by(ZOOM_STEP), "Larger"), tool("Fit", "0", () => zoom.fit(), "The whole picture"), tool("1:1", "o", () => zoom.oneToOne(), "A pixel of the camera on a pixel of the screen"), zoomWords),
+    stage.tools,
     reading,
   );
   write(title, camera.name);
@@ -125,19 +117,8 @@ export function largeCamera(context, camera, grid) {
   const editors = nodes.map((node) => settingsEditor(context, node));
   const panel = make("aside", { class: "panel", "aria-label": "Settings" }, save.element, ...editors.map((it) => it.element));
   if (!nodes.length) panel.append(make("p", { class: "dim" }, "No node of this camera has settings."));
-  const stage = make("div", { class: "stage" }, canvas, sign);
-  const element = make("div", { class: "large" }, bar, notes, make("div", { class: "large-row" }, stage, panel));
-  const sized = new ResizeObserver(resize);
-
-  function resize() {
-    const [w, h] = [stage.clientWidth, stage.clientHeight].map((side) => Math.max(1, Math.round(side * devicePixelRatio)));
-    if (canvas.width !== w || canvas.height !== h) {
-      canvas.width = w;
-      canvas.height = h;
-    }
-    if (zoom.isFit) zoom.fit();
-    touch();
-  }
+  stage.element.append(sign);
+  const element = make("div", { class: "large" }, bar, notes, make("div", { class: "large-row" }, stage.element, panel));
 
   /** The levels of the first detector that has any: the threshold, and what a feature's brightest pixel must reach. */
   function levels() {
@@ -188,6 +169,7 @@ export function largeCamera(context, camera, grid) {
     if (on.paint && maskNode !== null) {
       const { name, instances } = hello.nodes[maskNode];
       if (!hello.may_change) words.push("This window may only look.");
+      else if (!maySet(context)) words.push("A recording keeps its settings.");
       else if (!canPaint) words.push(`${name}.masks cannot be changed while the rig runs.`);
       else words.push(painter.words());
       if (instances.length > 1) words.push("Masks apply to every camera of this node.");
@@ -221,27 +203,16 @@ export function largeCamera(context, camera, grid) {
     const value = pointer && picture.at(...pointer);
     const [u, v] = pointer ?? [0, 0];
     write(reading, value ? `u ${number(u, 1)}  v ${number(v, 1)}  ${value.length === 1 ? `gray ${value[0]}` : `rgb ${value.join(" ")}`}` : "");
-    write(zoomWords, `${number(zoom.scale * devicePixelRatio, 2)} ×`);
+    stage.tell();
   }
 
   function paint() {
-    const scale = zoom.scale * devicePixelRatio;
-    const unit = devicePixelRatio * Math.min(Math.max(canvas.clientWidth / MARKS_FOR_PX, 1), 2.5);
-    pen.fillStyle = context.css("--void");
-    pen.fillRect(0, 0, canvas.width, canvas.height);
-    /** @param {CanvasImageSource} layer @param {number[]} place @param {number} pixel */
-    const lay = (layer, [left, top, w, h], pixel) => {
-      const [x, y] = zoom.onto(left, top);
-      pen.imageSmoothingEnabled = pixel * scale <= SMOOTH_UP_TO;
-      pen.drawImage(layer, x, y, w * scale, h * scale);
-    };
-    if (picture.paint(paletteNow())) lay(picture.canvas, picture.place(), picture.pixel());
-    if (on.silhouettes && shade.paint(SILHOUETTE)) lay(shade.canvas, shade.place(), shade.pixel());
-    if (on.heat) lay(heat.paint(), [-0.5, -0.5, heat.canvas.width * heat.cell, heat.canvas.height * heat.cell], Infinity);
-    const [x0, y0] = zoom.onto(-0.5, -0.5);
-    pen.strokeStyle = context.css("--dim");
-    pen.lineWidth = 1;
-    pen.strokeRect(x0, y0, width * scale, height * scale);
+    const unit = stage.unit();
+    stage.clear();
+    if (picture.paint(paletteNow())) stage.lay(picture.canvas, picture.place(), picture.pixel());
+    if (on.silhouettes && shade.paint(SILHOUETTE)) stage.lay(shade.canvas, shade.place(), shade.pixel());
+    if (on.heat) stage.lay(heat.paint(), [-0.5, -0.5, heat.canvas.width * heat.cell, heat.canvas.height * heat.cell], Infinity);
+    stage.border();
     const mask = context.css("--mask");
     if (on.masks) drawMasks(pen, zoom.onto, masksOf(hello, camera), mask, unit, on.paint ? painter.chosen : null);
     if (on.features) for (const list of lists()) drawFeatures(pen, zoom.onto, list, { cross: context.css("--cross"), circle: context.css("--circle") }, unit, true);
@@ -277,22 +248,17 @@ export function largeCamera(context, camera, grid) {
 
   /** @type {Record<string, () => void>} */
   const keys = {
+    ...stage.keys,
     Escape: grid.back,
-    "0": () => zoom.fit(),
-    o: () => zoom.oneToOne(),
-    "+": () => zoom.by(ZOOM_STEP),
-    "=": () => zoom.by(ZOOM_STEP),
-    "-": () => zoom.by(1 / ZOOM_STEP),
     c: () => on.heat && clearHeat(),
     PageDown: () => grid.by(1),
     PageUp: () => grid.by(-1),
-    ...Object.fromEntries(Object.entries(ARROWS).map(([key, [x, y]]) => [key, () => zoom.pan(PAN_PX * x, PAN_PX * y)])),
   };
   for (const [name, , key] of switches) keys[key] = () => flip(name);
 
   return {
     element,
-    resize,
+    resize: stage.resize,
     wants() {
       return [
         ...(camera.image === null ? [] : [{ topic: camera.image, as: /** @type {const} */ ("picture"), width: 0, hz: PICTURE_HZ }]),
@@ -321,8 +287,9 @@ export function largeCamera(context, camera, grid) {
     /** @param {import("./main.js").State} state */
     state(state) {
       const { rate, gaps, drops, age } = traffic(state, camera);
-      const n = lists().reduce((sum, list) => sum + list.length, 0);
-      write(facts, `${width} × ${height} px · ${number(rate)}/s · ${number(age)} ms · ${gaps === null ? "–" : plural(gaps, "gap")} · ${drops === null ? "–" : plural(drops, "drop")}${camera.features.length ? ` · ${plural(n, "feature")}` : ""}`);
+      const come = [...features.values()].flatMap((it) => it.best ?? []);
+      const n = come.reduce((sum, frame) => sum + (frame.header.list?.length ?? 0), 0);
+      write(facts, `${width} × ${height} px · ${number(rate)}/s · ${[age === null ? "" : `${number(age)} ms`, gaps === null ? "" : plural(gaps, "gap"), drops === null ? "" : plural(drops, "drop"), come.length ? plural(n, "feature") : ""].filter(Boolean).join(" · ")}`);
       const words = quiet.words(performance.now(), state.phase === "running");
       write(sign, words);
       sign.hidden = words === "";
@@ -342,15 +309,10 @@ export function largeCamera(context, camera, grid) {
     },
     show() {
       quiet.rest();
-      sized.observe(stage);
       pressed();
-      resize();
-      zoom.fit();
-      canvas.focus({ preventScroll: true });
+      stage.show();
     },
-    hide() {
-      sized.disconnect();
-    },
+    hide: stage.hide,
     /** @returns {[string, string][]} */
     get help() {
       return [
@@ -374,9 +336,6 @@ export function largeCamera(context, camera, grid) {
     },
   };
 }
-
-/** @type {Record<string, [number, number]>} */
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** @type {[string, string][]} */
 const PAINT_HELP = [

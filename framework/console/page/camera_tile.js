@@ -123,18 +123,19 @@ export function tile(context, camera) {
     state(state) {
       const measured = traffic(state, camera);
       write(rate, `${number(measured.rate)}/s`);
-      write(age, `${ms(measured.age)} ms`);
+      write(age, measured.age === null ? "" : `${ms(measured.age)} ms`);
       write(gaps, measured.gaps === null ? "" : plural(measured.gaps, "gap"));
       write(drops, measured.drops === null ? "" : plural(measured.drops, "drop"));
       gaps.classList.toggle("bad", Boolean(measured.gaps));
       drops.classList.toggle("bad", Boolean(measured.drops));
-      const n = lists().reduce((sum, list) => sum + list.length, 0);
-      write(found, camera.features.length ? plural(n, "feature") : "");
+      // The edges of a recording do not count what was found: the frames do.
+      const come = [...features.values()].flatMap((it) => it.best ?? []);
+      write(found, come.length ? plural(come.reduce((sum, frame) => sum + (frame.header.list?.length ?? 0), 0), "feature") : "");
       const words = quiet.words(performance.now(), state.phase === "running");
       write(sign, words);
       sign.hidden = words === "";
       element.classList.toggle("stale", words !== "");
-      element.setAttribute("aria-label", `${camera.name}: ${words || `${rate.textContent}, ${[age, gaps, drops, found].map((it) => it.textContent).join(", ")}`}`);
+      element.setAttribute("aria-label", `${camera.name}: ${words || `${rate.textContent}, ${[age, gaps, drops, found].map((it) => it.textContent).filter(Boolean).join(", ")}`}`);
     },
     /** @param {boolean} isChosen */
     choose(isChosen) {

@@ -1,42 +1,14 @@
 // @ts-check
 // All cameras at once: their pictures, what was found in them, and how they arrive.
 import { make } from "./dom.js";
+import { arrange, budget, byShape } from "./arrange.js";
 import { servedCameras } from "./lookup.js";
 import { tile } from "./camera_tile.js";
 import { largeCamera } from "./camera_large.js";
 
-const PICTURE_HZ = 10;
 /** More often than pictures, so that those of the picture that is shown are there. */
-const FEATURE_HZ = 30;
-const SILHOUETTE_HZ = 15;
-const GAP_PX = 6;
-const NARROW_PX = 600;
-const LEAST_TILE_PX = 150;
-/** Widths of pictures are asked in these steps, so that dragging a window's edge does not ask anew with each pixel. */
-const WIDTH_STEP_PX = 160;
-
-/**
- * Columns and width of tiles so that all fit without scrolling and are as large as they can be.
- * @param {number[]} shapes height over width of each picture @param {number} width @param {number} height @param {number} caption height of a tile's caption
- */
-export function arrange(shapes, width, height, caption) {
-  let best = { columns: 1, tile: 0 };
-  for (let columns = 1; columns <= shapes.length; columns++) {
-    let rows = 0;
-    let tall = 0;
-    for (let i = 0; i < shapes.length; i += columns) {
-      rows++;
-      tall += Math.max(...shapes.slice(i, i + columns));
-    }
-    const across = (width - GAP_PX * (columns - 1)) / columns;
-    const down = (height - rows * caption - GAP_PX * (rows - 1)) / tall;
-    const tile = Math.floor(Math.min(across, down));
-    if (tile > best.tile) best = { columns, tile };
-  }
-  if (width >= NARROW_PX && best.tile >= LEAST_TILE_PX) return best;
-  const columns = width < NARROW_PX ? Math.min(2, shapes.length) : Math.max(1, Math.floor(width / (LEAST_TILE_PX + GAP_PX)));
-  return { columns, tile: Math.floor((width - GAP_PX * (columns - 1)) / columns) };
-}
+const FEATURES_PER_PICTURE = 3;
+const SILHOUETTES_PER_PICTURE = 1.5;
 
 /** @type {import("./main.js").ViewModule} */
 export const view = {
@@ -44,9 +16,15 @@ export const view = {
   title: "Cameras",
   key: "1",
   create(context) {
-    const cameras = servedCameras(context.hello);
+    const served = servedCameras(context.hello);
+    const shapes = served.map(({ size }) => size[1] / size[0]);
+    const groups = byShape(shapes);
+    /** In the order in which they stand. */
+    const cameras = groups.flat().map((index) => served[index]);
     const tiles = cameras.map((camera) => tile(context, camera));
-    const grid = make("div", { class: "grid", role: "listbox", "aria-label": "Cameras", "aria-orientation": "horizontal" }, ...tiles.map((it) => it.element));
+    const tileOf = new Map(cameras.map((camera, place) => [camera.index, tiles[place]]));
+    const parts = groups.map((group) => make("div", { class: "grid", role: "presentation" }, ...group.map((index) => tileOf.get(index)?.element)));
+    const grid = make("div", { class: "grids", role: "listbox", "aria-label": "Cameras", "aria-orientation": "horizontal" }, ...parts);
     const nothing = make("p", { class: "empty" }, "There is no camera to show.");
     const element = make("div", { class: "cameras" }, cameras.length ? grid : nothing);
     /** @type {Map<number, (frame: import("./main.js").Frame) => void>} */
@@ -58,8 +36,8 @@ export const view = {
     });
     /** @type {ReturnType<typeof largeCamera>|null} */
     let large = null;
-    let columns = 1;
-    let width = WIDTH_STEP_PX;
+    let asked = budget(cameras.map(({ size }) => ({ size, shown: 1, layers: 1 })));
+    /** Place of the chosen camera. */
     let chosen = -1;
     const sized = new ResizeObserver(() => layout());
 
@@ -72,41 +50,51 @@ export const view = {
       const style = getComputedStyle(element);
       const across = element.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
       const down = element.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom);
-      const plan = arrange(cameras.map(({ size }) => size[1] / size[0]), across, down, parseFloat(context.css("--caption")));
-      columns = plan.columns;
-      grid.style.setProperty("--columns", String(columns));
-      grid.style.setProperty("--tile", `${plan.tile}px`);
-      for (const it of tiles) it.resize(plan.tile);
-      const wide = Math.ceil((plan.tile * devicePixelRatio) / WIDTH_STEP_PX) * WIDTH_STEP_PX;
-      if (wide !== width) {
-        width = wide;
-        context.changed();
-      }
+      const plans = arrange(groups.map((group) => ({ shape: shapes[group[0]], n: group.length })), across, down, parseFloat(context.css("--caption")));
+      plans.forEach(({ columns, tile }, index) => {
+        parts[index].style.setProperty("--columns", String(columns));
+        parts[index].style.setProperty("--tile", `${tile}px`);
+      });
+      const widths = groups.flatMap((group, index) => group.map(() => plans[index].tile));
+      tiles.forEach((it, place) => it.resize(widths[place]));
+      const before = JSON.stringify(asked);
+      asked = budget(cameras.map(({ size, silhouette }, place) => ({ size, shown: widths[place] * devicePixelRatio, layers: silhouette === null ? 1 : 1 + SILHOUETTES_PER_PICTURE })));
+      if (JSON.stringify(asked) !== before) context.changed();
     }
 
     /** Shows what is chosen, here or in another view. */
     function mark() {
-      if (chosen === (context.chosen.camera ?? -1)) return;
-      chosen = context.chosen.camera ?? -1;
+      const now = cameras.findIndex(({ index }) => index === context.chosen.camera);
+      if (chosen === now) return;
+      chosen = now;
       tiles.forEach((it, index) => it.choose(index === chosen));
     }
 
-    /** @param {number} index @param {boolean} [focus] */
-    function choose(index, focus = true) {
-      context.choose({ camera: index });
+    /** @param {number} place @param {boolean} [focus] */
+    function choose(place, focus = true) {
+      context.choose({ camera: cameras[place].index });
       mark();
-      if (focus) tiles[index].element.focus();
-      tiles[index].element.scrollIntoView({ block: "nearest" });
+      if (focus) tiles[place].element.focus();
+      tiles[place].element.scrollIntoView({ block: "nearest" });
     }
 
-    /** @param {number} index */
-    function enlarge(index) {
-      choose(index, false);
+    /** The tile nearest below or above. @param {number} by */
+    function beside(by) {
+      const boxes = tiles.map(({ element }) => [element.offsetLeft + element.offsetWidth / 2, element.offsetTop]);
+      const [x, y] = boxes[chosen];
+      const others = [...boxes.keys()].filter((place) => by * (boxes[place][1] - y) > 0);
+      const far = (/** @type {number} */ place) => Math.abs(boxes[place][1] - y) * 1e3 + Math.abs(boxes[place][0] - x);
+      return others.reduce((best, place) => (best < 0 || far(place) < far(best) ? place : best), -1);
+    }
+
+    /** @param {number} place */
+    function enlarge(place) {
+      choose(place, false);
       large?.hide();
-      large = largeCamera(context, cameras[index], {
+      large = largeCamera(context, cameras[place], {
         back: shrink,
-        by: (step) => enlarge((index + step + cameras.length) % cameras.length),
-        picture: tiles[index].last,
+        by: (step) => enlarge((place + step + cameras.length) % cameras.length),
+        picture: tiles[place].last,
       });
       element.replaceChildren(large.element);
       element.classList.add("one");
@@ -126,11 +114,11 @@ export const view = {
       context.changed();
     }
 
-    cameras.forEach((_, index) => {
-      tiles[index].element.addEventListener("click", () => (context.chosen.camera === index ? enlarge(index) : choose(index)));
-      tiles[index].element.addEventListener("focus", () => choose(index, false));
+    cameras.forEach((_, place) => {
+      tiles[place].element.addEventListener("click", () => (chosen === place ? enlarge(place) : choose(place)));
+      tiles[place].element.addEventListener("focus", () => choose(place, false));
       // The focus that a click gives must not count as an earlier choice.
-      tiles[index].element.addEventListener("mousedown", (/** @type {MouseEvent} */ event) => event.preventDefault());
+      tiles[place].element.addEventListener("mousedown", (/** @type {MouseEvent} */ event) => event.preventDefault());
     });
     if (tiles.length) tiles[0].element.tabIndex = 0;
 
@@ -138,10 +126,11 @@ export const view = {
       element,
       wants() {
         if (large) return large.wants();
-        return cameras.flatMap((camera) => [
-          ...(camera.image === null ? [] : [{ topic: camera.image, as: /** @type {const} */ ("picture"), width, hz: PICTURE_HZ }]),
-          ...(camera.silhouette === null ? [] : [{ topic: camera.silhouette, as: /** @type {const} */ ("picture"), width, hz: SILHOUETTE_HZ }]),
-          ...camera.features.map((topic) => ({ topic, as: /** @type {const} */ ("value"), hz: FEATURE_HZ })),
+        const { widths, hz } = asked;
+        return cameras.flatMap((camera, place) => [
+          ...(camera.image === null ? [] : [{ topic: camera.image, as: /** @type {const} */ ("picture"), width: widths[place], hz }]),
+          ...(camera.silhouette === null ? [] : [{ topic: camera.silhouette, as: /** @type {const} */ ("picture"), width: widths[place], hz: SILHOUETTES_PER_PICTURE * hz }]),
+          ...camera.features.map((topic) => ({ topic, as: /** @type {const} */ ("value"), hz: FEATURES_PER_PICTURE * hz })),
         ]);
       },
       frame(frame) {
@@ -187,9 +176,10 @@ export const view = {
       key(event) {
         if (large) return large.key(event);
         if (!cameras.length) return false;
-        const step = /** @type {Record<string, number>} */ ({ ArrowRight: 1, ArrowLeft: -1, ArrowDown: columns, ArrowUp: -columns })[event.key];
-        if (step !== undefined) {
-          const next = chosen < 0 ? 0 : chosen + step;
+        const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+        const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+        if (step || by) {
+          const next = chosen < 0 ? 0 : step ? chosen + step : beside(Number(by));
           if (next >= 0 && next < cameras.length) choose(next);
         } else if (event.key === "Home") choose(0);
         else if (event.key === "End") choose(cameras.length - 1);

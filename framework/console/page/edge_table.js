@@ -17,7 +17,7 @@ const COLUMNS = /** @type {const} */ ([
 /** @param {import("./link.js").EdgeState|null} row */
 function texts(row) {
   if (!row) return COLUMNS.map(() => "–");
-  return [number(row[AT.rate]), ms(row[AT.p50]), ms(row[AT.p99]), ms(row[AT.max]), String(row[AT.gaps]), String(row[AT.dropped]), String(row[AT.late]), row[AT.count] === null ? "–" : String(row[AT.count])];
+  return [number(row[AT.rate]), ms(row[AT.p50]), ms(row[AT.p99]), ms(row[AT.max]), ...[AT.gaps, AT.dropped, AT.late, AT.count].map((column) => number(row[column], 0))];
 }
 
 /** @param {import("./main.js").Context} context @param {(node: number) => void} choose */

@@ -71,9 +71,9 @@ export function health(hello, state, node) {
   hello.edges.forEach((edge, id) => {
     const row = state.edges[id];
     if (!row) return;
-    if (hello.instances[edge.from[0]].node === node) missing.set(edge.topic, Math.max(missing.get(edge.topic) ?? 0, row[AT.gaps]));
+    if (hello.instances[edge.from[0]].node === node) missing.set(edge.topic, Math.max(missing.get(edge.topic) ?? 0, row[AT.gaps] ?? 0));
     if (hello.instances[edge.to[0]].node !== node) return;
-    drops += row[AT.dropped];
+    drops += row[AT.dropped] ?? 0;
     if (row[AT.unmet]) unmet++;
   });
   for (const n of missing.values()) gaps += n;

@@ -10,9 +10,9 @@
 /** @typedef {{name: string, from: [number, number], to: [number, number], topic: number, input: string, feedback: boolean, require: Requirement|null}} Edge */
 /** @typedef {{name: string, size: [number, number], focal: [number, number], principal: [number, number], on_head: boolean, camera_from_world: Pose}} Camera */
 /** @typedef {{name: string, parent: number|null, anchor: string|null, volume_m: [number[], number[]]|null, radius_m: number|null}} Scale */
-/** @typedef {{pause: boolean, step: boolean, seek: boolean, loop: boolean, speed: boolean, save: boolean, record: boolean, correct: boolean}} Can */
+/** @typedef {{pause: boolean, step: boolean, seek: boolean, loop: boolean, speed: boolean, save: boolean, record: boolean, correct: boolean, set?: boolean, bookmark?: boolean, stop?: boolean}} Can A run's last three are true where they are left out. */
 /** @typedef {{say: "hello", version: number, may_change: boolean, rig: {name: string, path: string, mode: string, duration_s: number|null, can: Can}, scales: Scale[], cameras: Camera[], nodes: RigNode[], instances: Instance[], topics: Topic[], edges: Edge[], budgets: {from: string, to: string, age_ms: number}[]}} Hello */
-/** @typedef {[number, number|null, number|null, boolean, number, number, number, number|null, number|null, number|null]} EdgeState */
+/** @typedef {[number, number|null, number|null, boolean, number|null, number|null, number|null, number|null, number|null, number|null]} EdgeState Of a session, most is not known. */
 /** @typedef {{say: "state", phase: string, now_s: number, wall_s: number|null, speed: number|null, viewers: number, edges: EdgeState[], faults: {who: string, what: string, at_s: number}[], n_faults: number, recording: {path: string, bytes: number}|null, unsaved: string[], span_s?: [number, number], loop?: [number, number]|null}} State */
 /** @typedef {{topic: number, kind: "value"|"picture"|"points"|"mesh", time_s: number, sequence: number, source: number, header: any, payload: Uint8Array}} Frame */
 /** @typedef {{ok: boolean, words: string}} Answer */
@@ -23,6 +23,8 @@
  * @property {(hello: Hello) => void} hello
  * @property {(state: State) => void} state
  * @property {(node: number, values: Record<string, any>) => void} settings
+ * @property {(name: string, value: any) => void} sheet
+ * @property {(words: string) => void} refused The program shows nothing to this window.
  * @property {(frame: Frame) => void} frame
  * @property {() => void} lost
  */
@@ -88,6 +90,8 @@ export function connect(heard) {
     if (words?.say === "hello") heard.hello(words);
     else if (words?.say === "state") heard.state(words);
     else if (words?.say === "settings") heard.settings(words.node, words.values ?? {});
+    else if (words?.say === "sheet") heard.sheet(String(words.name), words.value);
+    else if (words?.say === "refused") heard.refused(String(words.words ?? ""));
     else if (words?.say === "answer") settle(words.n, { ok: Boolean(words.ok), words: String(words.words ?? "") });
   }
 

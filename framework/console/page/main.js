@@ -5,8 +5,10 @@ import { connect } from "./link.js";
 import { helpSheet } from "./help.js";
 import { timeBar } from "./time.js";
 import { theme } from "./theme.js";
+import { view as calibrating } from "./calibrating.js";
 import { view as cameras } from "./cameras.js";
 import { view as health } from "./health.js";
+import { view as marks } from "./marks.js";
 
 /** @typedef {import("./link.js").Hello} Hello */
 /** @typedef {import("./link.js").State} State */
@@ -36,6 +38,7 @@ import { view as health } from "./health.js";
  * @property {(frame: Frame) => void} frame
  * @property {(state: State) => void} state
  * @property {(node: number, values: Record<string, any>) => void} [settings]
+ * @property {(name: string, value: any) => void} [sheet] What the program shows beside the run, also what came before the view was made.
  * @property {(now_ms: number) => void} draw
  * @property {() => void} show
  * @property {() => void} hide
@@ -43,7 +46,15 @@ import { view as health } from "./health.js";
  * @property {(event: KeyboardEvent) => boolean} key
  */
 
-/** @typedef {{id: string, title: string, key: string, create: (context: Context) => View}} ViewModule */
+/**
+ * @typedef {object} ViewModule
+ * @property {string} id
+ * @property {string} title
+ * @property {string} key
+ * @property {(context: Context) => View} create
+ * @property {(hello: Hello, sheets: ReadonlyMap<string, any>) => boolean} [isThere] Whether it has anything to show; left out: always.
+ * @property {string} [opensWith] The sheet whose coming opens it, unless another view was chosen by hand.
+ */
 
 const VERSION = 1;
 const SAID_FOR_MS = 8000;
@@ -74,6 +85,10 @@ let made = new Map();
 /** @type {View|null} */
 let shown = null;
 let wanted = cameras.id;
+let isWantedByHand = false;
+/** @type {Map<string, any>} */
+const sheets = new Map();
+let refusal = "";
 let subscribed = "";
 let asking = false;
 let saidTimer = 0;
@@ -88,7 +103,7 @@ function say(words) {
 }
 
 /** @type {ViewModule[]} */
-const views = [cameras, ...(await room()), health];
+const views = [cameras, ...(await room()), health, calibrating, marks];
 
 const link = connect({
   hello: greet,
@@ -103,9 +118,16 @@ const link = connect({
     for (const setting of hello?.nodes[node]?.settings ?? []) if (setting.name in values) setting.value = values[setting.name];
     for (const view of made.values()) view.settings?.(node, values);
   },
+  sheet: take,
+  refused(words) {
+    refusal = words;
+    linked = "error";
+    report();
+  },
   frame: (frame) => shown?.frame(frame),
   lost() {
-    linked = linked === "connecting" ? "connecting" : "lost";
+    // Who was refused reads why, until the program lets it in.
+    if (linked !== "connecting" && linked !== "error") linked = "lost";
     subscribed = "";
     report();
   },
@@ -143,6 +165,8 @@ function alike(a, b) {
 
 /** @param {Hello} greeting */
 function greet(greeting) {
+  const isAnew = linked !== "open";
+  refusal = "";
   if (greeting.version !== VERSION) {
     linked = "error";
     report();
@@ -159,6 +183,8 @@ function greet(greeting) {
     report();
     return;
   }
+  // What an earlier program showed is not this one's.
+  if (hello && isAnew) sheets.clear();
   hello = greeting;
   state = null;
   Object.assign(chosen, { camera: null, target: null, mark: null });
@@ -177,8 +203,32 @@ function greet(greeting) {
     css,
   };
   time.hello(hello);
-  show(wanted);
+  open();
   report();
+}
+
+/** @param {string} name @param {any} value */
+function take(name, value) {
+  const isFirst = !sheets.has(name);
+  sheets.set(name, value);
+  for (const view of made.values()) view.sheet?.(name, value);
+  if (isFirst) open();
+}
+
+const isThere = (/** @type {ViewModule} */ module) => !module.isThere || (hello !== null && module.isThere(hello, sheets));
+
+/** Shows the view that is wanted, or what opens by itself, with the tabs of those that have anything to show. */
+function open() {
+  for (const tab of place("tabs").children) tab.hidden = !views.some((it) => it.id === tab.dataset.view && isThere(it));
+  const opened = isWantedByHand ? undefined : views.find((it) => it.opensWith !== undefined && sheets.has(it.opensWith));
+  const module = opened ?? views.find((it) => it.id === wanted);
+  show(module && isThere(module) ? module.id : cameras.id);
+}
+
+/** @param {string} id */
+function choose(id) {
+  isWantedByHand = true;
+  show(id);
 }
 
 /** @param {string} id */
@@ -195,6 +245,7 @@ function show(id) {
   if (!view) {
     view = module.create(context);
     made.set(id, view);
+    for (const [name, value] of sheets) view.sheet?.(name, value);
   }
   if (view === shown) return;
   shown?.hide();
@@ -244,7 +295,7 @@ const notices = {
   connecting: () => "Connecting to the program …",
   empty: () => `This rig has no cameras. Add a camera source to ${hello?.rig.path} and start it again.`,
   lost: () => "The program does not answer. What you see is the last that came; the page tries again by itself.",
-  error: () => "The program speaks another version of the protocol than this page. Reload the page.",
+  error: () => refusal || "The program speaks another version of the protocol than this page. Reload the page.",
   finished: () => "The run has ended; what you see is its last state.",
 };
 const MODES = /** @type {Record<string, string>} */ ({ simulated: "simulated", live: "live", replayed: "replayed", session: "recorded session" });
@@ -281,7 +332,7 @@ function help() {
   }
   const title = views.find((it) => it.id === wanted)?.title ?? "";
   /** @type {[string, string][]} */
-  const everywhere = [...views.map((it) => /** @type {[string, string]} */ ([it.key, it.title])), ["?", "this sheet"], ["Tab", "to the next control"]];
+  const everywhere = [...views.filter(isThere).map((it) => /** @type {[string, string]} */ ([it.key, it.title])), ["?", "this sheet"], ["Tab", "to the next control"]];
   sheet.show([
     { title, keys: shown?.help ?? [] },
     { title: "Time", keys: time.help() },
@@ -310,8 +361,8 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (isTyping(event)) return;
-  const module = views.find((it) => it.key === event.key);
-  const taken = shown?.key(event) || time.key(event) || (event.key === "?" ? (help(), true) : module ? (show(module.id), true) : false);
+  const module = views.find((it) => it.key === event.key && isThere(it));
+  const taken = shown?.key(event) || time.key(event) || (event.key === "?" ? (help(), true) : module ? (choose(module.id), true) : false);
   if (taken) event.preventDefault();
 });
 
@@ -322,21 +373,21 @@ document.addEventListener("mousedown", (event) => {
 
 for (const module of views) {
   place("tabs").append(
-    make("button", { type: "button", role: "tab", "data-view": module.id, "aria-controls": "view", "aria-selected": "false", "aria-keyshortcuts": module.key, onclick: () => show(module.id) }, module.title, make("kbd", {}, module.key)),
+    make("button", { type: "button", role: "tab", "data-view": module.id, "aria-controls": "view", "aria-selected": "false", "aria-keyshortcuts": module.key, hidden: module.isThere !== undefined, onclick: () => choose(module.id) }, module.title, make("kbd", {}, module.key)),
   );
 }
 place("tabs").addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
   const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
   if (!by) return;
-  const at = views.findIndex((it) => it.id === wanted);
-  const next = (at + by + views.length) % views.length;
-  show(views[next].id);
-  place("tabs").children[next].focus();
+  const there = views.filter(isThere);
+  const next = there[(there.findIndex((it) => it.id === wanted) + by + there.length) % there.length];
+  choose(next.id);
+  place("tabs").children[views.indexOf(next)].focus();
   event.preventDefault();
   event.stopPropagation();
 });
 place("switches").append(look.button, make("button", { type: "button", class: "quiet", "aria-keyshortcuts": "?", onclick: help }, "Keys", make("kbd", {}, "?")));
-place("faults").addEventListener("click", () => show(health.id));
+place("faults").addEventListener("click", () => choose(health.id));
 document.addEventListener("visibilitychange", () => {
   subscribe();
   turn();

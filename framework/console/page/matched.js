@@ -11,6 +11,11 @@ export class Matched {
   /** @type {Frame|null} */
   shown = null;
 
+  /** The one that is shown, or the newest where none belongs to a picture yet. */
+  get best() {
+    return this.shown ?? this.#kept.at(-1) ?? null;
+  }
+
   /** @param {Frame} frame */
   take(frame) {
     this.#kept.push(frame);

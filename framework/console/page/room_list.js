@@ -101,7 +101,7 @@ export function sideList(context, data, shown, acts) {
     const targets = n === 0 ? "no targets" : `${plural(n, "target")}, in mm`;
     if (!data.spaces.isAnchored(scale)) return targets;
     const target = data.spaces.target(scale);
-    return target === undefined ? "no space yet" : target === null ? "suspended" : `on target ${target}, ${targets}`;
+    return target === undefined ? "no space yet" : target === null ? "suspended" : n === 0 ? `on target ${target}` : `on target ${target}, ${targets}`;
   }
 
   /** @param {HTMLElement} rows @param {number} k @param {import("./room_data.js").Target} target */

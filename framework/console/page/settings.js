@@ -17,6 +17,9 @@ const hasSlider = (/** @type {Setting} */ it) => isNumeric(it) && it.min !== nul
 const short = (/** @type {any} */ value) => (typeof value === "number" ? String(Number(value.toPrecision(7))) : String(value));
 const unitOf = (/** @type {Setting} */ it) => (it.unit && it.unit !== "–" && it.unit !== "-" ? it.unit : "");
 
+/** Whether this window may change settings. @param {Context} context */
+export const maySet = ({ hello }) => hello.may_change && hello.rig.can.set !== false;
+
 /** The newest value at most ten times a second, and the last one always. @param {(value: any) => Promise<void>} send */
 function paced(send) {
   let timer = 0;
@@ -95,7 +98,7 @@ function control(setting, label, isOpen, changed) {
 function rowsOf(context, node, explain) {
   const { name: nodeName, settings } = context.hello.nodes[node];
   return settings.map((setting) => {
-    const isOpen = setting.live && context.hello.may_change;
+    const isOpen = setting.live && maySet(context);
     let moved = -Infinity;
     const refusal = make("span", { class: "refusal bad", hidden: true });
     const send = paced(async (value) => {
@@ -134,15 +137,18 @@ export function settingsEditor(context, node, { isOpen = true } = {}) {
   const { name, type, settings } = context.hello.nodes[node];
   const help = make("p", { class: "setting-help dim", "aria-hidden": "true" });
   const rows = rowsOf(context, node, (setting) => write(help, setting ? `${setting.name}: ${setting.help}` : ""));
-  const live = rows.filter((row) => row.setting.live).map((row) => row.element);
-  const fixed = rows.filter((row) => !row.setting.live).map((row) => row.element);
+  const isKept = context.hello.rig.can.set === false;
+  const live = rows.filter((row) => row.setting.live && !isKept).map((row) => row.element);
+  const fixed = rows.filter((row) => !row.setting.live || isKept).map((row) => row.element);
   const element = make(
     "details",
     { class: "settings", open: isOpen, "data-node": name },
     make("summary", {}, make("b", {}, name), make("span", { class: "dim" }, ` ${type}`)),
     ...(settings.length ? [] : [make("p", { class: "dim" }, "This node has no settings.")]),
     ...(live.length ? [make("h4", {}, "live"), ...live] : []),
-    ...(fixed.length ? [make("details", { class: "fixed" }, make("summary", {}, `${fixed.length} fixed while it runs`), ...fixed)] : []),
+    ...(isKept && settings.length ? [make("p", { class: "dim" }, "A recording keeps its settings.")] : []),
+    ...(fixed.length && isKept ? fixed : []),
+    ...(fixed.length && !isKept ? [make("details", { class: "fixed" }, make("summary", {}, `${fixed.length} fixed while it runs`), ...fixed)] : []),
     ...(settings.length ? [help] : []),
   );
   return {

@@ -126,7 +126,7 @@ export function timeBar(bar, shell) {
 
   function build() {
     if (!hello) return;
-    const can = hello.may_change ? hello.rig.can : { pause: false, step: false, seek: false, loop: false, speed: false };
+    const can = hello.may_change ? hello.rig.can : { pause: false, step: false, seek: false, loop: false, speed: false, bookmark: false, stop: false };
     const isSession = hello.rig.mode === "session";
     parts = {};
     const row = [];
@@ -150,11 +150,11 @@ export function timeBar(bar, shell) {
       parts.speed = make("select", { "aria-label": "Speed", onchange: () => void shell.command({ do: "speed", factor: Number(parts.speed.value) }) }, ...choices);
       row.push(parts.speed);
     }
-    if (hello.may_change) {
+    if (can.bookmark !== false) {
       parts.note = make("form", { class: "tools" });
       row.push((parts.bookmark = button("Bookmark", "b", "Bookmark this moment, with a note", bookmark)));
-      if (!isSession) row.push((parts.stop = make("button", { type: "button", class: "tool", onclick: stop }, "End the run …")));
     }
+    if (can.stop !== false && !isSession) row.push((parts.stop = make("button", { type: "button", class: "tool", onclick: stop }, "End the run …")));
     bar.replaceChildren(...row);
     bar.hidden = row.length === 0;
   }
@@ -190,7 +190,7 @@ export function timeBar(bar, shell) {
         [can?.step, ".", "one picture on"],
         [can?.step && can.seek, ",", "one picture back"],
         [can?.loop, "[ ]", "the loop begins, ends here"],
-        [true, "b", "bookmark this moment, with a note"],
+        [can?.bookmark !== false, "b", "bookmark this moment, with a note"],
       ];
       return hello?.may_change ? all.filter(([has]) => has).map(([, key, what]) => [key, what]) : [];
     },
@@ -204,7 +204,7 @@ export function timeBar(bar, shell) {
         ",": [can.step && can.seek, stepBack],
         "[": [can.loop, loopIn],
         "]": [can.loop, loopOut],
-        b: [true, bookmark],
+        b: [can.bookmark !== false, bookmark],
       });
       const [has, act] = acts[event.key] ?? [false, () => {}];
       if (has) act();

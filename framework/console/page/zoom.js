@@ -6,9 +6,18 @@ const CLICK_PX = 4;
 const DOUBLE_MS = 350;
 
 /**
+ * Something on the picture that can be dragged: then the picture stays where it is.
+ * @typedef {object} Hold
+ * @property {(u: number, v: number, event: PointerEvent) => boolean} grab Whether there is something to drag.
+ * @property {(u: number, v: number) => void} drag
+ * @property {() => void} drop
+ * @property {() => void} letGo It was only a click, or a second finger came.
+ */
+
+/**
  * @param {HTMLCanvasElement} canvas
  * @param {[number, number]} size of what is shown
- * @param {{changed: () => void, click: (u: number, v: number, event: PointerEvent, isSecond: boolean) => void, over: (u: number, v: number) => void, out: () => void}} heard
+ * @param {{changed: () => void, click: (u: number, v: number, event: PointerEvent, isSecond: boolean) => void, over: (u: number, v: number) => void, out: () => void, hold?: Hold}} heard
  */
 export function zoomed(canvas, size, heard) {
   /** CSS pixels per camera pixel. */
@@ -18,6 +27,7 @@ export function zoomed(canvas, size, heard) {
   /** @type {Map<number, [number, number]>} */
   const fingers = new Map();
   let travelled = 0;
+  let isHeld = false;
   let last = { time: -Infinity, x: 0, y: 0 };
 
   const fitting = () => Math.min(canvas.clientWidth / size[0], canvas.clientHeight / size[1]) || 1;
@@ -60,7 +70,11 @@ export function zoomed(canvas, size, heard) {
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, placeOf(event));
-    if (fingers.size === 1) travelled = 0;
+    if (isHeld) heard.hold?.letGo();
+    isHeld = false;
+    if (fingers.size !== 1) return;
+    travelled = 0;
+    isHeld = event.button === 0 && (heard.hold?.grab(...under(...placeOf(event)), event) ?? false);
   });
 
   canvas.addEventListener("pointermove", (event) => {
@@ -68,7 +82,8 @@ export function zoomed(canvas, size, heard) {
     const before = fingers.get(event.pointerId);
     if (before && fingers.size === 1) {
       travelled += Math.hypot(at[0] - before[0], at[1] - before[1]);
-      if (travelled >= CLICK_PX) {
+      if (travelled >= CLICK_PX && isHeld) heard.hold?.drag(...under(...at));
+      else if (travelled >= CLICK_PX) {
         centre = [centre[0] - (at[0] - before[0]) / scale, centre[1] - (at[1] - before[1]) / scale];
         isFit = false;
         hold();
@@ -86,13 +101,20 @@ export function zoomed(canvas, size, heard) {
   canvas.addEventListener("pointerup", (event) => {
     const isLast = fingers.size === 1;
     fingers.delete(event.pointerId);
+    if (isHeld && travelled >= CLICK_PX) heard.hold?.drop();
+    else if (isHeld) heard.hold?.letGo();
+    isHeld = false;
     if (!isLast || travelled >= CLICK_PX || event.button !== 0) return;
     const [x, y] = placeOf(event);
     const isSecond = event.timeStamp - last.time < DOUBLE_MS && Math.hypot(x - last.x, y - last.y) < 2 * CLICK_PX;
     last = { time: isSecond ? -Infinity : event.timeStamp, x, y };
     heard.click(...under(x, y), event, isSecond);
   });
-  canvas.addEventListener("pointercancel", (event) => fingers.delete(event.pointerId));
+  canvas.addEventListener("pointercancel", (event) => {
+    fingers.delete(event.pointerId);
+    if (isHeld) heard.hold?.letGo();
+    isHeld = false;
+  });
   canvas.addEventListener("pointerleave", () => heard.out());
 
   return {

@@ -13,6 +13,9 @@ use crate::window::{MOST_WANTS, Want};
 /// Longest note [characters].
 const LONGEST_NOTE: usize = 500;
 
+/// Rows of corrections in one command, at most.
+const MOST_ROWS: usize = 1000;
+
 /// Something that a page asks for.
 pub(crate) enum Command {
     /// Looks at these from now on, and at nothing else.
@@ -25,6 +28,12 @@ pub(crate) enum Command {
     Time(TimeCommand),
     /// It ends, and its results are written.
     Stop,
+    /// Marks of a node are corrected by hand: rows, each to be put in or taken away.
+    Correct { node: usize, rows: Vec<Value> },
+    /// A session is tracked again with the rows.
+    Again,
+    /// Where the tracker of a node may have gone wrong is looked up.
+    Problems { node: usize },
     /// A note at a time of the session [s].
     Bookmark { at_s: f64, note: String },
 }
@@ -95,6 +104,13 @@ fn of(it: &Value, n_topics: usize, n_nodes: usize) -> Result<Command, String> {
                 .ok_or_else(|| "expected a `factor` above 0".to_owned())
         }
         "stop" => Ok(Command::Stop),
+        "correct" => {
+            let rows = it.get("rows").and_then(Value::as_array).filter(|it| !it.is_empty() && it.len() <= MOST_ROWS);
+            let rows = rows.ok_or_else(|| format!("found no `rows`, expected 1 to {MOST_ROWS}"))?.clone();
+            Ok(Command::Correct { node: index(it, "node", n_nodes)?, rows })
+        }
+        "again" => Ok(Command::Again),
+        "problems" => Ok(Command::Problems { node: index(it, "node", n_nodes)? }),
         "bookmark" => {
             let at_s = time(it, "at_s")?.as_s();
             let note = it.get("note").and_then(Value::as_str).unwrap_or_default();

@@ -16,6 +16,7 @@ use foveate_messages::{Interval, Time};
 use foveate_node::Role;
 use foveate_node::given::Table;
 use foveate_node::page::{Client, PageEvent, PageLink, PageNews};
+use foveate_node::setting_docs::setting_docs;
 use foveate_rig::graph::Graph;
 use foveate_rig::live;
 use foveate_session::glance::Glance;
@@ -23,6 +24,7 @@ use serde_json::{Value, json};
 
 use crate::commands::{self, Command, TimeCommand};
 use crate::hello::{self, Index};
+use crate::marks::{self, Row, Rows};
 use crate::page;
 use crate::settings::{self, Changed, in_json};
 use crate::source::{Playing, Source};
@@ -78,7 +80,12 @@ pub struct Opening {
     pub stop: Arc<AtomicBool>,
     /// Folder of the results, where notes are kept.
     pub out_dir: Option<PathBuf>,
+    /// Of a session: tracks it again with corrections by hand.
+    pub again: Option<Arc<Again>>,
 }
+
+/// Makes a session again in which nodes, by their names, have these settings; gives a look into what was made.
+pub type Again = dyn Fn(&[(String, Table)]) -> Result<Glance, String> + Send + Sync;
 
 /// A console that is open. It ends with this.
 pub struct Console {
@@ -170,6 +177,24 @@ struct Asked {
     answers: Receiver<Result<(), String>>,
 }
 
+/// Corrections by hand, and what is done about them beside the console's thread.
+struct Marks {
+    rows: Rows,
+    /// Where the rows are written.
+    file: Option<PathBuf>,
+    again: Option<Arc<Again>>,
+    /// What a thread is at.
+    work: Option<Receiver<Done>>,
+    /// What the page shows of it.
+    sheet: Value,
+}
+
+/// What a thread has done.
+enum Done {
+    Problems(usize, Vec<Value>),
+    Again(Result<Box<Glance>, String>),
+}
+
 /// The console's thread.
 struct Desk {
     link: Box<dyn PageLink>,
@@ -187,6 +212,7 @@ struct Desk {
     hello: Value,
     windows: Vec<Window>,
     asked: Vec<Asked>,
+    marks: Marks,
     /// By node: settings that have changed since the rig was saved.
     changed: BTreeMap<usize, Table>,
     step: Interval,
@@ -201,8 +227,13 @@ impl Desk {
         controls: Controls,
         state: Arc<Mutex<State>>,
     ) -> Desk {
-        let Opening { graph, rig, mode, stop, out_dir } = opening;
+        let Opening { graph, rig, mode, stop, out_dir, again } = opening;
         let index = Index::of(&graph);
+        let rows = Rows::of(&graph, &index);
+        let file = match &mode {
+            Mode::Session(glance) => Some(glance.path().with_extension("corrections.csv")),
+            _ => out_dir.as_ref().map(|it| it.join("corrections.csv")),
+        };
         let mut hello = hello::of_graph(&graph, &index);
         let (mode_name, can_wait) = (mode.name(), !matches!(mode, Mode::Live));
         let source = match mode {
@@ -214,9 +245,14 @@ impl Desk {
             Mode::Simulated | Mode::Live | Mode::Replayed => Source::Run(look),
         };
         let is_session = matches!(source, Source::Session(_));
+        let takes_rows = |(_, instances): &(String, Vec<usize>)| {
+            let docs = setting_docs(&graph.instances[instances[0]].node_type);
+            docs.iter().any(|it| it.name == marks::SETTING && it.is_live)
+        };
+        let can_correct = index.nodes.iter().any(takes_rows) && (!is_session || again.is_some());
         let can = json!({
             "pause": can_wait, "step": can_wait, "seek": is_session, "loop": is_session, "speed": is_session, "save": rig.is_some(),
-            "set": !is_session, "record": false, "correct": false, "bookmark": out_dir.is_some(), "stop": !is_session,
+            "set": !is_session, "record": false, "correct": can_correct, "bookmark": out_dir.is_some(), "stop": !is_session,
         });
         let path = rig.as_ref().map(|it| it.display().to_string());
         let duration_s = graph.duration.map(|it| it.as_s());
@@ -243,6 +279,7 @@ impl Desk {
             hello: Value::Object(hello),
             windows: Vec::new(),
             asked: Vec::new(),
+            marks: Marks { rows, file, again, work: None, sheet: json!({ "problems": [], "searching": false }) },
             changed: BTreeMap::new(),
             step,
             next_state: Instant::now(),
@@ -255,6 +292,7 @@ impl Desk {
                 self.hear(event);
             }
             self.settle();
+            self.take_work();
             let now = Instant::now();
             if let Source::Session(playing) = &mut self.source {
                 playing.go_on(now);
@@ -313,6 +351,13 @@ impl Desk {
                 self.stop.store(true, Ordering::Relaxed);
                 Ok("the run ends; its results are written".to_owned())
             }
+            Command::Correct { node, rows } => match self.correct(client, node, &rows, number) {
+                Ok(None) => return,
+                Ok(Some(words)) => Ok(words),
+                Err(what) => Err(what),
+            },
+            Command::Again => self.again(),
+            Command::Problems { node } => self.problems(node),
             Command::Bookmark { at_s, note } => self.note(at_s, &note),
         };
         self.next_state = Instant::now();
@@ -454,6 +499,119 @@ impl Desk {
                 it["value"] = value;
             }
         }
+    }
+
+    /// Corrects marks of a node by hand; in a run the answer follows when its tracker has taken the rows.
+    fn correct(
+        &mut self,
+        client: Client,
+        node: usize,
+        rows: &[Value],
+        number: Option<i64>,
+    ) -> Result<Option<String>, String> {
+        let n_cameras = self.graph.calibration.cameras.len();
+        let mut new = self.marks.rows.clone();
+        for it in rows {
+            let (row, is_removed) = Row::read(node, it, n_cameras)?;
+            new.put(row, is_removed);
+        }
+        if let Source::Run(_) = self.source {
+            self.set(client, node, new.setting(node), number)?;
+            self.keep_rows(new)?;
+            return Ok(None);
+        }
+        let words = self.keep_rows(new)?;
+        Ok(Some(words))
+    }
+
+    fn keep_rows(&mut self, rows: Rows) -> Result<String, String> {
+        self.marks.rows = rows;
+        self.show_marks();
+        let Some(file) = &self.marks.file else { return Ok(String::new()) };
+        self.marks.rows.write(file)?;
+        Ok(format!("written to {}", file.display()))
+    }
+
+    /// Tracks a session again with the rows, beside the console's thread.
+    fn again(&mut self) -> Result<String, String> {
+        let again = self.marks.again.clone().ok_or("only a session can be tracked again")?;
+        if self.marks.work.is_some() {
+            return Err("it is at work already".to_owned());
+        }
+        let nodes = self.marks.rows.nodes();
+        if nodes.is_empty() {
+            return Err("there are no corrections".to_owned());
+        }
+        let settings: Vec<(String, Table)> =
+            nodes.iter().map(|it| (self.index.nodes[*it].0.clone(), self.marks.rows.setting(*it))).collect();
+        self.begin(move || {
+            let made = foveate_node::guard::guarded(|| again(&settings)).unwrap_or_else(Err);
+            Done::Again(made.map(Box::new))
+        })?;
+        self.marks.sheet["again"] = json!({ "state": "running", "words": "tracking again" });
+        self.show_marks();
+        Ok("tracking again".to_owned())
+    }
+
+    fn problems(&mut self, node: usize) -> Result<String, String> {
+        let Source::Session(playing) = &self.source else {
+            return Err("only a session can be searched; record the run, and look at the session".to_owned());
+        };
+        if self.marks.work.is_some() {
+            return Err("it is at work already".to_owned());
+        }
+        let (mut glance, graph) = (playing.glance().again(&self.graph)?, Arc::clone(&self.graph));
+        self.begin(move || {
+            let index = Index::of(&graph);
+            let found = foveate_node::guard::guarded(|| marks::problems(&mut glance, &graph, &index, node));
+            Done::Problems(node, found.unwrap_or_default())
+        })?;
+        self.marks.sheet["searching"] = true.into();
+        self.show_marks();
+        Ok("searching".to_owned())
+    }
+
+    fn begin(&mut self, work: impl FnOnce() -> Done + Send + 'static) -> Result<(), String> {
+        let (done, answer) = channel();
+        let thread = std::thread::Builder::new().name("console marks".to_owned()).spawn(move || {
+            drop(done.send(work()));
+        });
+        thread.map_err(|error| format!("there is no thread for it: {error}"))?;
+        self.marks.work = Some(answer);
+        Ok(())
+    }
+
+    /// Takes what a thread has done, if it has.
+    fn take_work(&mut self) {
+        let Some(done) = self.marks.work.as_ref().and_then(|it| it.try_recv().ok()) else { return };
+        self.marks.work = None;
+        let n_rows = self.marks.rows.list.len();
+        match done {
+            Done::Problems(node, found) => {
+                self.marks.sheet["node"] = node.into();
+                self.marks.sheet["problems"] = found.into();
+                self.marks.sheet["searching"] = false.into();
+            }
+            Done::Again(Ok(glance)) => {
+                if let Source::Session(playing) = &mut self.source {
+                    playing.replace(*glance);
+                }
+                let words = format!("tracked again with {n_rows} rows");
+                self.marks.sheet["again"] = json!({ "state": "done", "words": words });
+            }
+            Done::Again(Err(what)) => self.marks.sheet["again"] = json!({ "state": "failed", "words": what }),
+        }
+        self.show_marks();
+    }
+
+    fn show_marks(&mut self) {
+        let file = self.marks.file.as_ref().map(|it| it.display().to_string());
+        (self.marks.sheet["file"], self.marks.sheet["rows"]) = (json!(file), self.marks.rows.in_json());
+        if self.marks.sheet["again"].is_null() {
+            self.marks.sheet["again"] = json!({ "state": "idle", "words": "" });
+        }
+        lock(&self.state).show("marks", &self.marks.sheet);
+        self.next_state = Instant::now();
     }
 
     fn note(&self, at_s: f64, note: &str) -> Result<String, String> {

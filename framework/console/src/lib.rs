@@ -10,6 +10,7 @@
 //! | `source` | what is shown: a run, or a session at some moment |
 //! | `state` | what changes while a run goes on: time, edges, faults |
 //! | [`settings`] | values of settings: what changed, and how it is written into the rig |
+//! | [`marks`] | marks corrected by hand, and where a tracker may have gone wrong |
 //! | `page` | the files of the page |
 //!
 //! The page is plain ES modules and WebGL2, in `page/`, one view a file. It learns all it shows through the contract of messages (name, schema, space), so that messages of a
@@ -20,6 +21,7 @@
 mod commands;
 pub mod console;
 pub mod hello;
+pub mod marks;
 mod page;
 pub mod settings;
 mod source;
@@ -27,4 +29,4 @@ mod state;
 pub mod view;
 mod window;
 
-pub use console::{Console, Mode, Opening};
+pub use console::{Again, Console, Mode, Opening};

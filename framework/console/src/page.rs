@@ -12,7 +12,12 @@ macro_rules! scripts {
 
 /// One view a file.
 const SCRIPTS: &[(&str, &str)] = &scripts![
+    "arrange.js",
+    "calibrating.js",
+    "calibrating_maps.js",
+    "calibrating_pairs.js",
     "camera_large.js",
+    "camera_stage.js",
     "camera_tile.js",
     "cameras.js",
     "dom.js",
@@ -26,6 +31,12 @@ const SCRIPTS: &[(&str, &str)] = &scripts![
     "link.js",
     "lookup.js",
     "main.js",
+    "marks.js",
+    "marks_draw.js",
+    "marks_editor.js",
+    "marks_list.js",
+    "marks_note.js",
+    "marks_rows.js",
     "masks.js",
     "matched.js",
     "node_panel.js",

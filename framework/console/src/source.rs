@@ -46,6 +46,15 @@ impl Playing {
         Playing { glance, at, since: Some(now), speed: 1.0, repeats: None }
     }
 
+    /// Looks into another session from now on, at the same moment.
+    pub(crate) fn replace(&mut self, glance: Glance) {
+        self.glance = glance;
+    }
+
+    pub(crate) fn glance(&self) -> &Glance {
+        &self.glance
+    }
+
     pub(crate) fn span(&self) -> [Time; 2] {
         self.glance.span()
     }

@@ -50,3 +50,11 @@ pub fn in_toml(values: &Table) -> Result<String, ConfigError> {
 pub fn from_toml(text: &str) -> Result<Table, ConfigError> {
     text.parse::<toml::Table>().map(given_table).map_err(ConfigError::node)
 }
+
+/// One value as it stands behind `=`.
+///
+/// # Errors
+/// A value that TOML cannot hold.
+pub fn value_in_toml(value: &Value) -> Result<String, ConfigError> {
+    toml::Value::try_from(value).map(|it| it.to_string()).map_err(ConfigError::node)
+}

@@ -1,6 +1,7 @@
 //! A session as it was at any moment: the newest message of each output, forwards and backwards.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
 
 use foveate_engine::EdgeView;
 use foveate_messages::Time;
@@ -30,6 +31,8 @@ pub struct Glance {
     unpacked: VecDeque<(usize, BTreeMap<u16, Lane>, usize)>,
     /// Chunks that could not be read.
     damaged: Vec<usize>,
+    /// What is shown of outputs that this session has not.
+    base: Option<Box<Glance>>,
 }
 
 struct Output {
@@ -56,17 +59,73 @@ impl Glance {
                 outputs.insert((index, port), Output { channel: channel.id, message: output.message, schema });
             }
         }
-        (Glance { session, outputs, unpacked: VecDeque::new(), damaged: Vec::new() }, remarks)
+        (Glance { session, outputs, unpacked: VecDeque::new(), damaged: Vec::new(), base: None }, remarks)
+    }
+
+    /// Shows what `base` has of the outputs that this session has not: a part of it that was made again.
+    pub fn over(self, base: Glance) -> Glance {
+        Glance { base: Some(Box::new(base)), ..self }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.session.path
+    }
+
+    /// Looks into the same files once more, from another thread.
+    ///
+    /// # Errors
+    /// A sentence: a file is gone.
+    pub fn again(&self, graph: &Graph) -> Result<Glance, String> {
+        let again = Glance::new(Session::open(&self.session.path)?, graph).0;
+        match &self.base {
+            Some(base) => Ok(again.over(base.again(graph)?)),
+            None => Ok(again),
+        }
+    }
+
+    /// Every message of an output, in the order of time; those that cannot be read are passed over.
+    pub fn each(&mut self, output: (usize, usize), take: &mut dyn FnMut(&Packet)) {
+        let Some(Output { channel, .. }) = self.outputs.get(&output) else {
+            return self.base.iter_mut().for_each(|it| it.each(output, take));
+        };
+        let channel = *channel;
+        let mut found = Vec::new();
+        for chunk in 0..self.session.summary.chunks.len() {
+            let offsets = &self.session.summary.chunks[chunk].message_index_offsets;
+            if !offsets.is_empty() && !offsets.contains_key(&channel) {
+                continue;
+            }
+            let lane = self.lane(chunk, channel).to_vec();
+            found.extend(lane.iter().filter_map(|it| Some((it.0, self.decode(output, &it.1)?))));
+        }
+        found.sort_by_key(|it| it.0);
+        found.iter().for_each(|it| take(&it.1));
+    }
+
+    fn decode(&self, output: (usize, usize), bytes: &[u8]) -> Option<Packet> {
+        let Output { message, schema, .. } = self.outputs.get(&output)?;
+        match schema {
+            Some(schema) => picture::decode(schema, bytes),
+            None => body::decode(message, bytes),
+        }
+        .ok()
     }
 
     /// Session time of the first and the last message.
     pub fn span(&self) -> [Time; 2] {
+        if let Some(base) = &self.base {
+            return base.span();
+        }
         self.session.summary.times().map(|it| Time(i64::try_from(it).unwrap_or(i64::MAX)))
     }
 
     /// The newest message of an output that was given out by `at`; `None`: there was none yet, or it cannot be read.
     pub fn newest(&mut self, output: (usize, usize), at: Time) -> Option<Packet> {
-        let channel = self.outputs.get(&output)?.channel;
+        let Some(Output { channel, .. }) = self.outputs.get(&output) else {
+            return self.base.as_mut()?.newest(output, at);
+        };
+        let channel = *channel;
         let at = u64::try_from(at.0).ok()?;
         let has = |it: &mcap::records::ChunkIndex| {
             it.message_start_time <= at
@@ -90,17 +149,14 @@ impl Glance {
                 found = Some(it.clone());
             }
         }
-        let (_, bytes) = found?;
-        let Output { message, schema, .. } = self.outputs.get(&output)?;
-        match schema {
-            Some(schema) => picture::decode(schema, &bytes),
-            None => body::decode(message, &bytes),
-        }
-        .ok()
+        self.decode(output, &found?.1)
     }
 
     /// When the next picture was given out after `at`, or the last one before it; of all messages where there are no pictures.
     pub fn neighbour(&mut self, at: Time, is_forward: bool) -> Option<Time> {
+        if let Some(base) = &mut self.base {
+            return base.neighbour(at, is_forward);
+        }
         let at = u64::try_from(at.0).unwrap_or(0);
         let pictures: Vec<u16> = self.outputs.values().filter(|it| it.schema.is_some()).map(|it| it.channel).collect();
         let n = self.session.summary.chunks.len();
@@ -130,6 +186,9 @@ impl Glance {
 
     /// What the recording says of each edge as a whole: messages, and how many a second.
     pub fn edges(&self, graph: &Graph) -> Vec<EdgeView> {
+        if let Some(base) = &self.base {
+            return base.edges(graph);
+        }
         let [first, last] = self.span();
         let span_s = (last - first).as_s();
         let edge = |from: &(usize, usize)| {

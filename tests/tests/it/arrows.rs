@@ -29,8 +29,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("web", &["node"]),
     // What crosses between a program and a library is what nodes are made of.
     ("boundary", &["node"]),
-    // It shows runs and recordings of them, and knows messages by their contract; cameras come from the calibration.
-    ("console", &["engine", "messages", "node", "rig", "scene", "session"]),
+    // It shows runs and recordings of them, and knows messages by their contract; cameras come from the calibration; corrections are a table.
+    ("console", &["diagnostics", "engine", "messages", "node", "rig", "scene", "session"]),
     // A recording of a run is a rig and what an engine did with it.
     ("session", &["engine", "geometry", "messages", "node", "rig", "scene"]),
     ("plugin", &["boundary", "messages", "node"]),

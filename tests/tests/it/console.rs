@@ -294,3 +294,151 @@ fn a_session_is_looked_at_forwards_and_backwards() {
     let refused = window.ask(json!({ "do": "set", "node": 0, "values": { "offset": 1 } }));
     assert!(!refused.0 && refused.1.contains("replay --set"), "{}", refused.1);
 }
+
+/// So many pictures of two cameras: two dots that move by `step` px a picture on a pattern that moves with them; and a rig that tracks them.
+fn dots(folder: &Path, n: u32, step: f64) {
+    let wave = |x: f64, y: f64, a: f64, b: f64| (x * a + y * b).sin();
+    for camera in ["left", "right"] {
+        let shots = folder.join("shots").join(camera);
+        fs::create_dir_all(&shots).unwrap();
+        for number in 0..n {
+            let shift = step * f64::from(number);
+            let picture = image::GrayImage::from_fn(200, 120, |column, row| {
+                let (x, y) = (f64::from(column) - shift, f64::from(row));
+                let is_dot = |u: f64| (x - u).hypot(y - 50.0) < 3.2;
+                let ground = wave(x, y, 0.13, 0.2) + wave(x, y, 0.31, -0.17) + wave(x, y, 0.07, 0.41);
+                image::Luma([if is_dot(40.0) || is_dot(70.0) { 40 } else { (170.0 + 20.0 * ground) as u8 }])
+            });
+            picture.save(shots.join(format!("{number:03}.png"))).unwrap();
+        }
+    }
+    let camera = |name: &str| {
+        format!(
+            "[camera.{name}]\nimage_size_px = [200, 120]\nfocal_px = [200.0, 200.0]\nprincipal_point_px = [99.5, 59.5]\n\
+             position_m = [0.0, 0.0, 0.0]\ncamera_from_world_wxyz = [1.0, 0.0, 0.0, 0.0]\n\n"
+        )
+    };
+    let calibration = "[calibration]\nlength_unit = \"m\"\n\n".to_owned() + &camera("left") + &camera("right");
+    fs::write(folder.join("dots.calibration.toml"), calibration).unwrap();
+    let rig = "[rig]\nname = \"dots\"\ncalibration = \"dots.calibration.toml\"\n\n[scale.face.node.video]\ntype = \"capture.images\"\neach = \"*\"\n\
+               path = \"shots/{camera}/*.png\"\nrate_hz = 20\n\n[scale.face.node.marks]\ntype = \"painted_mark.tracker\"\neach = \"*\"\nin = { image = \"video.image\" }\n\n\
+               [scale.face.node.table]\ntype = \"export.features\"\nin = { features = \"marks.features\" }\n";
+    fs::write(folder.join("dots.toml"), rig).unwrap();
+}
+
+#[test]
+fn marks_of_a_session_are_corrected_by_hand_and_tracked_again() {
+    let folder = tempfile::tempdir().unwrap();
+    dots(folder.path(), 20, 2.0);
+    must(folder.path(), &["run", "dots.toml", "--quiet", "--record", "s.mcap", "--out", "run"]);
+    let shown = Shown::start(folder.path(), &["view", "s.mcap", "--listen", "0"]);
+    let mut window = Window::open(&shown.address);
+    assert_eq!(window.hello["rig"]["can"]["correct"], true);
+    let (node, topic) = (window.node("face.marks"), window.topic("face.marks[right].features"));
+    let right = window.hello["cameras"].as_array().unwrap().iter().position(|it| it["name"] == "right").unwrap();
+    window.say(json!({ "do": "subscribe", "topics": [{ "topic": topic, "as": "value", "hz": 60 }] }));
+    assert!(window.ask(json!({ "do": "pause" })).0);
+    // By label: the columns of the marks at a time, without the common motion.
+    let mut at = |window: &mut Window, to_s: f64| -> Vec<(u64, i64)> {
+        assert!(window.ask(json!({ "do": "seek", "to_s": to_s + 0.001 })).0);
+        let list = window.until(|it| match it {
+            Came::Frame(frame) if (frame.time_s - to_s).abs() < 0.01 => Some(frame.header["list"].clone()),
+            _ => None,
+        });
+        let column = |it: &Value| (it["centre"][0].as_f64().unwrap() - 2.0 * 20.0 * to_s).round() as i64;
+        list.as_array().unwrap().iter().filter_map(|it| Some((it["label"].as_u64()?, column(it)))).collect()
+    };
+    assert!(at(&mut window, 0.5).is_empty(), "without a guide no dot has a name");
+    // One dot is mark 7 from picture 4 on, the other one mark 8 from 6 to 11, with the first place a little off.
+    let row = |mark: u32, frame: u32, place: Value| {
+        let (u, v) = (place[0].clone(), place[1].clone());
+        json!({ "camera": right, "mark": mark, "frame": frame, "u": u, "v": v })
+    };
+    let rows = json!([row(7, 4, json!([48.8, 49.6])), row(8, 6, json!([82.0, 50.0])), row(8, 12, json!([null, null]))]);
+    let (is_ok, said) = window.ask(json!({ "do": "correct", "node": node, "rows": rows }));
+    assert!(is_ok && said.ends_with("s.corrections.csv"), "{said}");
+    let refused =
+        window.ask(json!({ "do": "correct", "node": node, "rows": [{ "camera": 9, "mark": 1, "frame": 0 }] }));
+    assert!(!refused.0 && refused.1.contains("camera 9"), "{}", refused.1);
+    assert!(window.ask(json!({ "do": "again" })).0);
+    let sheet = window.until(|it| match it {
+        Came::Text(it) if it["name"] == "marks" && it["value"]["again"]["state"] != "running" => {
+            Some(it["value"].clone())
+        }
+        _ => None,
+    });
+    assert_eq!(sheet["again"], json!({ "state": "done", "words": "tracked again with 3 rows" }), "{sheet}");
+    assert_eq!(sheet["rows"].as_array().unwrap().len(), 3);
+    assert_eq!(at(&mut window, 0.3), [(7, 40), (8, 70)]);
+    assert_eq!(at(&mut window, 0.7), [(7, 40)]);
+    assert!(at(&mut window, 0.1).is_empty());
+    // Where the tracker lost a mark is found.
+    assert!(window.ask(json!({ "do": "problems", "node": node })).0);
+    let problems = window.until(|it| match it {
+        Came::Text(it) if it["name"] == "marks" && it["value"]["searching"] == false && it["value"]["node"] == node => {
+            Some(it["value"]["problems"].clone())
+        }
+        _ => None,
+    });
+    assert_eq!(problems.as_array().unwrap().len(), 1, "{problems}");
+    let (kind, mark, frame) = (&problems[0]["kind"], &problems[0]["mark"], &problems[0]["frame"]);
+    assert_eq!((kind, mark, frame), (&json!("gap"), &json!(8), &json!(12)), "{problems}");
+
+    // The file is what a rig and a replay read: the same marks.
+    drop(window);
+    drop(shown);
+    let text = fs::read_to_string(folder.path().join("s.corrections.csv")).unwrap();
+    assert_eq!(text, "camera,mark,frame,u_px,v_px\nright,7,4,48.8,49.6\nright,8,6,82,50\nright,8,12,,\n");
+    let file = folder.path().join("s.corrections.csv");
+    let set = format!("face.marks.marks={}", file.display());
+    must(folder.path(), &["replay", "s.mcap", "--quiet", "--set", &set, "--out", "again"]);
+    let table = fs::read_to_string(folder.path().join("again/features.csv")).unwrap();
+    assert!(table.lines().filter(|it| it.contains(",7")).count() >= 16, "{table}");
+}
+
+#[test]
+fn marks_of_a_run_are_corrected_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    dots(folder.path(), 100, 1.0);
+    let run = ["run", "dots.toml", "--console", "--listen", "0", "--record", "s.mcap", "--out", "run"];
+    let mut shown = Shown::start(folder.path(), &run);
+    let mut window = Window::open(&shown.address);
+    let (node, topic) = (window.node("face.marks"), window.topic("face.marks[left].features"));
+    window.say(json!({ "do": "subscribe", "topics": [{ "topic": topic, "as": "value", "hz": 60 }] }));
+    assert!(window.ask(json!({ "do": "pause" })).0);
+    let mut frames = |window: &mut Window, is: &dyn Fn(&Value) -> bool| loop {
+        assert!(window.ask(json!({ "do": "step" })).0);
+        let found = window.until(|it| match it {
+            Came::Frame(frame) => Some(Some((frame.time_s, frame.header["list"].clone()))),
+            Came::Text(it) if it["say"] == "state" => Some(None),
+            Came::Text(_) => None,
+        });
+        if let Some((time_s, list)) = found.filter(|it| is(&it.1)) {
+            return (time_s, list);
+        }
+    };
+    let dot = |it: &Value| {
+        let mut all = it.as_array().unwrap().iter();
+        all.find(|it| (it["centre"][1].as_f64().unwrap() - 50.0).abs() < 0.5).map(|it| it["centre"].clone())
+    };
+    let (time_s, list) = frames(&mut window, &|it| dot(it).is_some());
+    let place = dot(&list).unwrap();
+    let frame = (time_s * 20.0).round() as u64;
+    let left = window.hello["topics"][topic]["camera"].clone();
+    let row = json!({ "camera": left, "mark": 5, "frame": frame, "u": place[0], "v": place[1] });
+    assert_eq!(window.ask(json!({ "do": "correct", "node": node, "rows": [row] })), (true, "changed".to_owned()));
+    let (later_s, list) = frames(&mut window, &|it| it[0]["label"] == 5);
+    let moved = list[0]["centre"][0].as_f64().unwrap() - place[0].as_f64().unwrap();
+    assert!((moved - 20.0 * (later_s - time_s)).abs() < 0.3, "{moved} px in {} s", later_s - time_s);
+    assert!(window.ask(json!({ "do": "go" })).0);
+    shown.end();
+    assert!(folder.path().join("run/corrections.csv").exists());
+    must(folder.path(), &["replay", "s.mcap", "--quiet", "--out", "again"]);
+    same_features(&folder.path().join("run"), &folder.path().join("again"));
+}
+
+#[track_caller]
+fn same_features(a: &Path, b: &Path) {
+    let table = |it: &Path| fs::read_to_string(it.join("features.csv")).unwrap();
+    assert!(table(a) == table(b) && table(a).contains(",5"));
+}

@@ -144,7 +144,8 @@ fn console(
     faults: &Faults,
 ) -> Result<Console, String> {
     let (graph, stop) = (Arc::clone(graph), Arc::clone(stop));
-    let opening = Opening { graph, rig: Some(rig.to_owned()), mode, stop, out_dir: Some(folder.to_owned()) };
+    let opening =
+        Opening { graph, rig: Some(rig.to_owned()), mode, stop, out_dir: Some(folder.to_owned()), again: None };
     let console = Console::open(opening)?;
     // Nothing else was put there.
     drop(faults.set(Box::new(console.on_fault())));

@@ -41,6 +41,8 @@ pub struct MarkTracker {
     dots: Vec<Dot>,
     /// Size and window of the picture before; `None`: there was none.
     last: Option<([u32; 2], Window)>,
+    /// Its stamp.
+    stamp: Stamp,
     pub(super) window: Window,
     /// Shift of the window since the picture before, in pixels of the camera.
     window_moved: Vector2<f64>,
@@ -74,6 +76,7 @@ impl MarkTracker {
             free: Vec::new(),
             dots: Vec::new(),
             last: None,
+            stamp: Stamp::default(),
             window: Window::default(),
             window_moved: Vector2::zeros(),
             past: VecDeque::new(),
@@ -119,7 +122,7 @@ impl MarkTracker {
             }
             self.follow(shift);
         }
-        self.last = Some(now);
+        (self.last, self.stamp) = (Some(now), stamp);
         if self.past.len() == PAST {
             self.past.pop_front();
         }
@@ -275,6 +278,29 @@ impl MarkTracker {
         self.corrections.splice(place..place, corrections);
     }
 
+    /// Goes on with other settings, and with `rows` besides: those of the last picture and of some before it are applied now.
+    pub fn change(&mut self, settings: TrackerSettings, rows: &[Correction]) {
+        self.settings = settings;
+        for it in rows {
+            if self.last.is_none() || it.frame > self.stamp.sequence {
+                let order = |it: &Correction| (it.frame, it.mark);
+                self.corrections.retain(|other| order(other) != order(it));
+                let place = self.corrections.partition_point(|other| order(other) < order(it));
+                self.corrections.insert(place, *it);
+                continue;
+            }
+            let n_since = (self.stamp.sequence - it.frame) as usize;
+            // The motion to the next picture stands with each but the last.
+            if n_since >= self.past.len() {
+                self.tally.corrections_missed += 1;
+                continue;
+            }
+            let motions = self.past.iter().rev().skip(1).take(n_since).map(|it| it.1);
+            let moved = motions.sum::<Vector2<f64>>();
+            self.correct_mark(it.mark, it.pixel.map(|it| it + moved), self.stamp.time);
+        }
+    }
+
     /// Applies the corrections by hand for this picture.
     fn correct(&mut self, stamp: Stamp) {
         let n_before = self.corrections.partition_point(|it| it.frame < stamp.sequence);
@@ -282,25 +308,30 @@ impl MarkTracker {
         self.tally.corrections_missed += n_before as u64;
         for place in n_before..n {
             let Correction { mark, pixel, .. } = self.corrections[place];
-            self.tally.corrected += 1;
-            if let Some(at) = self.tracks.iter().position(|it| it.label == Some(mark)) {
-                self.end(at);
-            }
-            let Some(pixel) = pixel else { continue };
-            let pixel = self.window.in_image(&pixel);
-            let dot = self.eye.dot(pixel, self.settings.radius_px + 1.5);
-            let place = match &dot {
-                Some(dot) if self.settings.reanchor => (dot.centre, dot.covariance),
-                _ => (pixel, Matrix2::identity() * BY_HAND),
-            };
-            let apart = self.apart();
-            while let Some(at) = self.tracks.iter().position(|it| (it.pixel - place.0).norm() < apart) {
-                self.end(at);
-            }
-            let track = self.begin(place.0, place.1, dot.as_ref());
-            (track.label, track.named) = (Some(mark), stamp.time);
+            self.correct_mark(mark, pixel, stamp.time);
         }
         self.corrections.drain(..n);
+    }
+
+    /// Puts a mark to `pixel` of the camera in the last picture, or ends it.
+    fn correct_mark(&mut self, mark: u32, pixel: Option<Point2<f64>>, time: Time) {
+        self.tally.corrected += 1;
+        if let Some(at) = self.tracks.iter().position(|it| it.label == Some(mark)) {
+            self.end(at);
+        }
+        let Some(pixel) = pixel else { return };
+        let pixel = self.window.in_image(&pixel);
+        let dot = self.eye.dot(pixel, self.settings.radius_px + 1.5);
+        let place = match &dot {
+            Some(dot) if self.settings.reanchor => (dot.centre, dot.covariance),
+            _ => (pixel, Matrix2::identity() * BY_HAND),
+        };
+        let apart = self.apart();
+        while let Some(at) = self.tracks.iter().position(|it| (it.pixel - place.0).norm() < apart) {
+            self.end(at);
+        }
+        let track = self.begin(place.0, place.1, dot.as_ref());
+        (track.label, track.named) = (Some(mark), time);
     }
 
     /// Searches dots without a track.

@@ -15,7 +15,7 @@ use nalgebra::Point2;
 
 pub use corrections::{Correction, read as read_corrections};
 pub use mark_tracker::MarkTracker;
-pub use settings::TrackerSettings;
+pub use settings::{CorrectionRow, TrackerSettings};
 
 ports! {
     IMAGE: In<Image> = each("image");
@@ -45,6 +45,8 @@ figures! {
 /// other dots. Doubtful marks are left out.
 pub struct TrackerNode {
     mark_tracker: MarkTracker,
+    /// Rows of `corrections` that have been taken.
+    taken: Vec<CorrectionRow>,
     camera: Option<CameraId>,
     camera_name: String,
     /// Marks chosen by hand in pictures that are still to come.
@@ -72,13 +74,17 @@ impl Node for TrackerNode {
 
     fn new(settings: TrackerSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
-        let corrections = match settings.marks.as_str() {
+        let mut corrections = match settings.marks.as_str() {
             "" => Vec::new(),
             text => read_marks(&setup.path("marks", text)?, setup)?,
         };
+        let taken = settings.corrections.clone();
+        corrections.extend(of_camera(&taken, setup.camera_name()));
+        corrections.sort_by_key(|it| (it.frame, it.mark));
         let camera = setup.camera.and_then(|it| setup.calibration.cameras.get(usize::from(it.0)));
         Ok(Self {
             mark_tracker: MarkTracker::new(settings, corrections, camera.map(|it| it.camera.image_size[1]))?,
+            taken,
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
             chosen: Vec::new(),
@@ -110,10 +116,26 @@ impl Node for TrackerNode {
         Ok(())
     }
 
+    fn change(&mut self, settings: TrackerSettings) -> Result<(), ConfigError> {
+        settings.check()?;
+        let rows = settings.corrections.clone();
+        let new: Vec<CorrectionRow> = rows.iter().filter(|it| !self.taken.contains(it)).cloned().collect();
+        let camera = self.camera.map(|_| self.camera_name.as_str());
+        self.mark_tracker.change(settings, &of_camera(&new, camera));
+        self.taken = rows;
+        Ok(())
+    }
+
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.mark_tracker.report(&self.camera_name, report);
         Ok(())
     }
+}
+
+/// The rows of one camera; all where it has no name.
+fn of_camera(rows: &[CorrectionRow], camera: Option<&str>) -> Vec<Correction> {
+    let own = rows.iter().filter(|it| camera.is_none_or(|camera| it.camera == camera));
+    own.map(CorrectionRow::correction).collect()
 }
 
 fn read_marks(path: &std::path::Path, setup: &Setup) -> Result<Vec<Correction>, ConfigError> {
@@ -130,6 +152,7 @@ mod tests {
 
     use foveate_testkit::check_node;
     use foveate_testkit::scene::ring_calibration;
+    use nalgebra::Vector2;
 
     use super::*;
 
@@ -162,6 +185,10 @@ mod tests {
         assert_eq!(setting(|it| it.search_every = 0).as_deref(), Some("search_every"));
         assert_eq!(setting(|it| it.max_marks = 0).as_deref(), Some("max_marks"));
         assert_eq!(setting(|it| it.marks = "/no/such.csv".into()).as_deref(), Some("marks"));
+        let row = CorrectionRow { camera: "a".to_owned(), mark: 1, frame: 0, u_px: Some(1.0), v_px: None };
+        let settings = TrackerSettings { corrections: vec![row], ..TrackerSettings::default() };
+        let refused = TrackerNode::new(settings, &Setup::for_tests()).err().and_then(|it| it.setting);
+        assert_eq!(refused.as_deref(), Some("corrections[0]"));
     }
 
     #[test]
@@ -183,6 +210,52 @@ mod tests {
             message.contains("marks.csv") && message.contains("line 2") && message.contains("`nobody`"),
             "{message}"
         );
+    }
+
+    /// A row that comes while the tracker works.
+    fn row(mark: u32, frame: u64, place: Option<[f64; 2]>) -> CorrectionRow {
+        let [u_px, v_px] = [0, 1].map(|at| place.map(|it| it[at]));
+        CorrectionRow { camera: String::new(), mark, frame, u_px, v_px }
+    }
+
+    #[test]
+    fn rows_that_come_while_it_works_hold_from_the_last_picture_on_also_where_it_has_moved_meanwhile() {
+        // A dot that moves by 3 px a picture, on a pattern that moves with it.
+        let picture = |number: u64| {
+            let shift = 3.0 * number as f64;
+            let place = |at: usize| Vector2::new((at % 160) as f64 - shift, (at / 160) as f64);
+            let wave = |it: Vector2<f64>, x: f64, y: f64| (it.x * x + it.y * y).sin();
+            let gray = |at: usize| {
+                let it = place(at);
+                let ground = wave(it, 0.13, 0.2) + wave(it, 0.31, -0.17) + wave(it, 0.07, 0.41) + wave(it, -0.5, 0.09);
+                if (it - Vector2::new(30.0, 40.0)).norm() < 3.2 { 40 } else { (170.0 + 18.0 * ground) as u8 }
+            };
+            Image { width: 160, height: 120, pixels: (0..160 * 120).map(gray).collect(), ..Image::default() }
+        };
+        let settings = TrackerSettings { find: false, ..TrackerSettings::default() };
+        let mut tracker = MarkTracker::new(settings.clone(), Vec::new(), None).unwrap();
+        let mut rows: Vec<CorrectionRow> = Vec::new();
+        let mut seen: Vec<Vec<(Option<u32>, f64)>> = Vec::new();
+        for number in 0..9 {
+            let stamp = Stamp { time: Time::from_s(0.03 * number as f64), sequence: number, ..Stamp::default() };
+            let mut features = Features::default();
+            tracker.see(&picture(number), stamp, None, &mut features).unwrap();
+            seen.push(features.list.iter().map(|it| (it.label, (it.centre.x - 3.0 * number as f64).round())).collect());
+            // Of the last picture; of two before that; of one that is to come; one that is long past.
+            let new = match number {
+                1 => row(7, 1, Some([33.4, 40.3])),
+                4 => row(8, 2, Some([36.0, 40.0])),
+                5 => row(8, 7, None),
+                8 => row(9, 70, Some([1.0, 1.0])),
+                _ => continue,
+            };
+            rows.push(new.clone());
+            tracker.change(TrackerSettings { corrections: rows.clone(), ..settings.clone() }, &[new.correction()]);
+        }
+        let none: Vec<(Option<u32>, f64)> = Vec::new();
+        let mark = |label| vec![(Some(label), 30.0)];
+        let expected = [none.clone(), none.clone(), mark(7), mark(7), mark(7), mark(8), mark(8), none.clone(), none];
+        assert_eq!(seen, expected);
     }
 
     #[test]
