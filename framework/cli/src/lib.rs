@@ -17,6 +17,8 @@ pub mod outcome;
 pub mod output;
 pub mod progress;
 pub mod results;
+mod status;
+mod terminal;
 
 use std::panic;
 use std::process::ExitCode;

@@ -42,16 +42,24 @@ export function largeCamera(context, camera, grid) {
   let pointer = null;
 
   const maskNode = camera.detectors.find((node) => setting(hello, node, "masks")) ?? null;
-  const maskSetting = maskNode === null ? null : setting(hello, maskNode, "masks");
+  const ofAll = maskNode === null ? null : setting(hello, maskNode, "masks");
+  const ofCameras = maskNode === null ? null : setting(hello, maskNode, "camera_masks");
+  /** Masks of this camera alone where the node has such; otherwise those of all its cameras. */
+  const maskSetting = ofCameras ?? ofAll;
+  const own = () => (ofCameras ? ofCameras.value?.[camera.name] : ofAll?.value) ?? [];
   const canPaint = Boolean(maskSetting?.live) && maySet(context);
   const painter = maskPainter(
-    () => maskSetting?.value ?? [],
+    own,
     async (masks) => {
-      const answer = await context.command({ do: "set", node: maskNode, values: { masks } });
+      const values = ofCameras ? { camera_masks: { ...ofCameras.value, [camera.name]: masks } } : { masks };
+      const answer = await context.command({ do: "set", node: maskNode, values });
       if (!answer.ok) context.say(`The masks are as they were: ${answer.words}`);
       tell();
     },
   );
+
+  /** The chosen mask among all that are drawn. */
+  const chosenMask = () => (painter.chosen === null ? null : painter.chosen + masksOf(hello, camera).length - own().length);
 
   const stage = cameraStage(context, camera, {
     changed: touch,
@@ -170,9 +178,9 @@ export function largeCamera(context, camera, grid) {
       const { name, instances } = hello.nodes[maskNode];
       if (!hello.may_change) words.push("This window may only look.");
       else if (!maySet(context)) words.push("A recording keeps its settings.");
-      else if (!canPaint) words.push(`${name}.masks cannot be changed while the rig runs.`);
+      else if (!canPaint) words.push(`${name}.${maskSetting?.name} cannot be changed while the rig runs.`);
       else words.push(painter.words());
-      if (instances.length > 1) words.push("Masks apply to every camera of this node.");
+      if (instances.length > 1 && !ofCameras) words.push("Masks apply to every camera of this node.");
     }
     write(note, words.join(" "));
     notes.hidden = words.length === 0;
@@ -214,7 +222,7 @@ export function largeCamera(context, camera, grid) {
     if (on.heat) stage.lay(heat.paint(), [-0.5, -0.5, heat.canvas.width * heat.cell, heat.canvas.height * heat.cell], Infinity);
     stage.border();
     const mask = context.css("--mask");
-    if (on.masks) drawMasks(pen, zoom.onto, masksOf(hello, camera), mask, unit, on.paint ? painter.chosen : null);
+    if (on.masks) drawMasks(pen, zoom.onto, masksOf(hello, camera), mask, unit, on.paint ? chosenMask() : null);
     if (on.features) for (const list of lists()) drawFeatures(pen, zoom.onto, list, { cross: context.css("--cross"), circle: context.css("--circle") }, unit, true);
     if (!on.paint) return;
     painter.draw(pen, zoom.onto, pointer, mask, unit);

@@ -49,7 +49,7 @@ export function servedCameras(hello) {
 
 /** The polygons that a camera's detectors do not search. @param {Hello} hello @param {Served} camera @returns {[number, number][][]} */
 export function masksOf(hello, camera) {
-  return camera.detectors.flatMap((node) => setting(hello, node, "masks")?.value ?? []);
+  return camera.detectors.flatMap((node) => [...(setting(hello, node, "masks")?.value ?? []), ...(setting(hello, node, "camera_masks")?.value?.[camera.name] ?? [])]);
 }
 
 /**

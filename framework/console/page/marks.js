@@ -15,7 +15,7 @@ const STRIP_PX = 150;
 const STRIP_WIDTH_PX = 160;
 
 /** Nodes whose marks can be corrected. @param {import("./main.js").Hello} hello */
-const corrected = (hello) => [...hello.nodes.keys()].filter((node) => setting(hello, node, "corrections"));
+const corrected = (hello) => [...hello.nodes.keys()].filter((node) => setting(hello, node, "corrections")?.live);
 
 /** @type {import("./main.js").ViewModule} */
 export const view = {

@@ -3,7 +3,7 @@
 import { make } from "./dom.js";
 import { Picture, Renderer } from "./gl.js";
 import { servedCameras } from "./lookup.js";
-import { CLOUDS, RoomData, VALUES } from "./room_data.js";
+import { CLOUDS, RoomData } from "./room_data.js";
 import { Eye, bindHands } from "./room_eye.js";
 import { Labels } from "./room_labels.js";
 import { keepParts, keptParts, sideList } from "./room_list.js";
@@ -96,7 +96,7 @@ class Room {
     const { chosen, hello } = this.context;
     /** @type {import("./main.js").Subscription[]} */ const list = [];
     for (const [topic, it] of hello.topics.entries()) {
-      if (VALUES.includes(it.message)) list.push({ topic, as: "value", hz: VALUE_HZ });
+      if (this.data.wants(topic)) list.push({ topic, as: "value", hz: VALUE_HZ });
       else if (it.message === "features" && it.camera != null && it.camera === chosen.camera && this.shown.rays) list.push({ topic, as: "value", hz: VALUE_HZ });
       else if (CLOUDS.includes(it.message) && this.shown.clouds) list.push({ topic, as: "points", hz: SHAPE_HZ });
       else if (it.message === "mesh" && this.shown.meshes) list.push({ topic, as: "mesh", hz: SHAPE_HZ });

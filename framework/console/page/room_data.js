@@ -16,11 +16,36 @@ const TRAIL = 64;
 export const VALUES = ["targets", "marks", "skeletons", "scale_space", "head_pose", "sub_region"];
 export const CLOUDS = ["point_cloud", "scale_cloud", "voxels", "tracked_surface"];
 
+/** Of these a room may have several at once: what is recovered, what a simulation knows, what another node makes of the same. */
+const STREAMS = ["targets", "marks", "skeletons"];
+
+/**
+ * Topics of targets, marks and skeletons, and the one of each scale that is shown at first: from the node that comes last on the way from pictures to results.
+ * @param {any} hello
+ */
+export function streams(hello) {
+  const rank = (/** @type {any} */ topic) => {
+    const node = hello.nodes[hello.instances[topic.instance].node];
+    if (node.type.startsWith("sim.")) return 0;
+    return topic.port === "predicted" ? 1 : node.role === "model filter" ? 4 : node.role === "integrator" ? 3 : 2;
+  };
+  /** @type {Map<string, number>} */ const best = new Map();
+  const all = hello.topics.map((/** @type {any} */ _, /** @type {number} */ id) => id).filter((/** @type {number} */ id) => STREAMS.includes(hello.topics[id].message));
+  for (const id of all) {
+    const { scale, message } = hello.topics[id], key = `${scale} ${message}`, other = best.get(key);
+    if (other === undefined || rank(hello.topics[id]) > rank(hello.topics[other])) best.set(key, id);
+  }
+  return { all, main: new Set(best.values()) };
+}
+
 export class RoomData {
   /** @param {any} hello */
   constructor(hello) {
     this.hello = hello;
     this.spaces = new Spaces(hello.scales);
+    this.streams = streams(hello);
+    /** Of them, those that are shown. */
+    this.chosen = new Set(this.streams.main);
     /** @type {Map<number, Newest>} */ this.newest = new Map();
     /** @type {Map<number, Shape>} */ this.shapes = new Map();
     /** @type {Map<string, Trail>} */ this.trails = new Map();
@@ -44,11 +69,22 @@ export class RoomData {
   /** @param {{topic: number, kind: string, time_s: number, header: any, payload: Uint8Array}} frame */
   accept(frame) {
     const topic = this.hello.topics[frame.topic];
-    if (!topic) return;
+    if (!topic || (frame.kind === "value" && !this.wants(frame.topic))) return;
     if (frame.time_s < this.time_s - 1) this.trails.clear();
     this.time_s = frame.time_s;
     if (frame.kind === "points" || frame.kind === "mesh") this.shape(frame, topic);
     else if (frame.kind === "value") this.value(frame, topic);
+  }
+
+  /** Whether the messages of a topic are wanted. @param {number} topic */
+  wants(topic) {
+    return VALUES.includes(this.hello.topics[topic].message) && (this.chosen.has(topic) || !this.streams.all.includes(topic));
+  }
+
+  /** Shows a stream of targets, marks or skeletons, or not any more. @param {number} topic @param {boolean} is */
+  stream(topic, is) {
+    if (is) this.chosen.add(topic);
+    else if (this.chosen.delete(topic)) this.newest.delete(topic);
   }
 
   /** @param {any} frame @param {any} topic */

@@ -54,6 +54,14 @@ export function sideList(context, data, shown, acts) {
     });
     return make("label", {}, box, words);
   });
+  const streams = data.streams.all.map((/** @type {number} */ topic) => {
+    const box = make("input", { type: "checkbox", checked: data.chosen.has(topic), "data-stream": topic });
+    box.addEventListener("change", () => {
+      data.stream(topic, box.checked);
+      acts.parts();
+    });
+    return make("label", {}, box, hello.topics[topic].path);
+  });
   const key = make("p", { class: "room-key" }, ...["Measured", "Predicted", "Filled"].map((it) => make("span", {}, make("i", { "data-is": it }, GLYPHS[it]), it.toLowerCase())),
     here.has("marks") ? make("span", {}, make("i", { "data-is": "mark" }, "●"), "measured mark") : "");
   const sections = hello.scales.map((/** @type {any} */ scale, /** @type {number} */ index) => scaleSection(scale, index));
@@ -64,7 +72,8 @@ export function sideList(context, data, shown, acts) {
     return { row, angle, camera };
   });
   const element = make("aside", { class: "room-side", "aria-label": "What is in the room" },
-    make("details", { open: window.innerWidth > 760 }, make("summary", {}, "Shown"), make("div", { class: "room-checks" }, ...checks)), key,
+    make("details", { open: window.innerWidth > 760 }, make("summary", {}, "Shown"), make("div", { class: "room-checks" }, ...checks)),
+    streams.length > data.streams.main.size ? make("details", {}, make("summary", {}, `Streams (${streams.length})`), make("div", { class: "room-streams" }, ...streams)) : "", key,
     ...sections.map((/** @type {any} */ it) => it.element),
     make("details", {}, make("summary", {}, `Cameras (${cameras.length})`), ...cameras.map((/** @type {any} */ it) => it.row)));
   // A quarter of the rows is written at a time: hundreds of cells at once would hold up a picture.

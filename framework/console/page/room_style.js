@@ -22,6 +22,7 @@ export const STYLE = `
 .room-side details { border-bottom: 1px solid var(--line); padding: 4px 0; }
 .room-side summary { cursor: pointer; font-weight: 600; }
 .room-checks { display: grid; grid-template-columns: 1fr 1fr; gap: 0 8px; padding: 2px 0 4px; }
+.room-streams label { display: flex; gap: 6px; align-items: center; min-height: 24px; overflow-wrap: anywhere; }
 .room-checks label { display: flex; gap: 6px; align-items: center; min-height: 24px; }
 .room-key { display: flex; flex-wrap: wrap; gap: 0 12px; color: var(--dim); }
 .room-key i { font-style: normal; margin-right: 4px; }

@@ -596,7 +596,10 @@ impl Desk {
                 if let Source::Session(playing) = &mut self.source {
                     playing.replace(*glance);
                 }
-                let words = format!("tracked again with {n_rows} rows");
+                let words = format!(
+                    "tracked again with {}",
+                    if n_rows == 1 { "1 row".to_owned() } else { format!("{n_rows} rows") }
+                );
                 self.marks.sheet["again"] = json!({ "state": "done", "words": words });
             }
             Done::Again(Err(what)) => self.marks.sheet["again"] = json!({ "state": "failed", "words": what }),

@@ -34,6 +34,7 @@ const SCRIPTS: &[(&str, &str)] = &scripts![
     "marks.js",
     "marks_draw.js",
     "marks_editor.js",
+    "marks_held.js",
     "marks_list.js",
     "marks_note.js",
     "marks_rows.js",

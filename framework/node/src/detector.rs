@@ -1,5 +1,6 @@
 //! What all image detectors share: their camera, where targets are expected, gaps and counts.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::sync::Arc;
 
@@ -7,6 +8,7 @@ use foveate_geometry::Camera;
 use foveate_messages::{CameraId, Features, Image, Stamp, Stamped, Targets};
 use nalgebra::Point2;
 
+use crate::error::ConfigError;
 use crate::io::Io;
 use crate::pool::Pool;
 use crate::port::{In, Out};
@@ -24,6 +26,31 @@ pub enum Outcome {
     Flooded,
 }
 
+/// Corners (x, y) of a region of a picture [px].
+pub type Polygon = Vec<[f64; 2]>;
+
+/// Checks the settings `masks` and `camera_masks`: regions that are not searched, of all cameras and of some by their names.
+///
+/// # Errors
+/// A region of fewer than three corners, or with a corner that is nowhere.
+pub fn check_masks(masks: &[Polygon], of_cameras: &BTreeMap<String, Vec<Polygon>>) -> Result<(), ConfigError> {
+    let of_all = masks.iter().enumerate().map(|(place, it)| (format!("masks[{place}]"), it));
+    let of_some = of_cameras.iter().flat_map(|(camera, list)| {
+        list.iter().enumerate().map(move |(place, it)| (format!("camera_masks.{camera}[{place}]"), it))
+    });
+    for (setting, polygon) in of_all.chain(of_some) {
+        if polygon.len() < 3 {
+            let n = polygon.len();
+            return Err(ConfigError::at(&setting, format_args!("found {n} corners, expected at least 3")));
+        }
+        if let Some([x, y]) = polygon.iter().find(|[x, y]| !(x.is_finite() && y.is_finite())) {
+            let text = format_args!("found the corner ({x}, {y}), expected finite numbers");
+            return Err(ConfigError::at(&setting, text));
+        }
+    }
+    Ok(())
+}
+
 /// The ports of a detector.
 pub struct DetectorPorts {
     /// Pictures of one camera.
@@ -38,6 +65,8 @@ pub struct DetectorPorts {
 pub struct DetectorShell {
     camera: Option<CameraId>,
     camera_name: String,
+    /// Names of all cameras.
+    cameras: Vec<String>,
     model: Option<Camera>,
     pool: Pool<Features>,
     /// Pictures by [`Outcome`].
@@ -52,12 +81,31 @@ impl DetectorShell {
         Self {
             camera: setup.camera,
             camera_name: setup.camera_name().unwrap_or(&setup.instance).to_owned(),
+            cameras: setup.calibration.cameras.iter().map(|it| it.name.clone()).collect(),
             model: setup.camera_model().cloned(),
             pool: Pool::default(),
             outcomes: [0; 3],
             refused: 0,
             features: 0,
         }
+    }
+
+    /// All regions that are not searched in this camera's pictures, by the settings `masks` and `camera_masks`.
+    ///
+    /// # Errors
+    /// As [`check_masks`], and a camera that the calibration does not have.
+    pub fn masks(
+        &self,
+        masks: &[Polygon],
+        of_cameras: &BTreeMap<String, Vec<Polygon>>,
+    ) -> Result<Vec<Polygon>, ConfigError> {
+        check_masks(masks, of_cameras)?;
+        if let Some(name) = of_cameras.keys().find(|it| !self.cameras.contains(it)) {
+            let text = format_args!("found the camera `{name}`, expected one of {}", self.cameras.join(", "));
+            return Err(ConfigError::at("camera_masks", text));
+        }
+        let own = of_cameras.get(&self.camera_name).into_iter().flatten();
+        Ok(masks.iter().chain(own).cloned().collect())
     }
 
     /// Takes a picture, calls `find` to search it for features, and emits them. `find` gets the picture, the pixels at which targets are

@@ -346,6 +346,11 @@ impl Socket {
                 MOST_BYTES_A_SECOND >> 20
             ));
         }
+        if message.is_binary() {
+            board.count(|it| it.malformed += 1);
+            self.close(CloseCode::Unsupported, "pages send texts");
+            return Err(format!("it sent {} bytes that are no text", message.len()));
+        }
         if let Message::Text(text) = message {
             match text.strip_prefix("ping ") {
                 Some(sent) if sent.len() < 40 && sent.bytes().all(|it| it.is_ascii_graphic()) => {

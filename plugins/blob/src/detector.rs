@@ -53,8 +53,10 @@ impl Node for Detector {
             "" => None,
             text => Some(read_background(&setup.path("background", text)?, size)?),
         };
+        let shell = DetectorShell::new(setup);
+        let settings = of_camera(settings, &shell)?;
         let blob_detector = BlobDetector::new(settings, size, background).map_err(ConfigError::node)?;
-        Ok(Self { blob_detector, shell: DetectorShell::new(setup) })
+        Ok(Self { blob_detector, shell })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -68,13 +70,19 @@ impl Node for Detector {
 
     fn change(&mut self, settings: BlobSettings) -> Result<(), ConfigError> {
         settings.check()?;
-        self.blob_detector.change(settings).map_err(ConfigError::node)
+        self.blob_detector.change(of_camera(settings, &self.shell)?).map_err(ConfigError::node)
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.shell.report(report);
         Ok(())
     }
+}
+
+/// The settings with all masks of the camera among `masks`.
+fn of_camera(settings: BlobSettings, shell: &DetectorShell) -> Result<BlobSettings, ConfigError> {
+    let masks = shell.masks(&settings.masks, &settings.camera_masks)?;
+    Ok(BlobSettings { masks, ..settings })
 }
 
 /// Direction of the world's +Z in the picture at `pixel`, for a point 3 m away; the picture's own up without a camera model,

@@ -1,5 +1,8 @@
 //! Settings of the blob detector, with the reasons for their defaults.
 
+use std::collections::BTreeMap;
+
+use foveate::node::detector::{Polygon, check_masks};
 use foveate::prelude::ConfigError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -59,7 +62,11 @@ pub struct BlobSettings {
     pub shrink: u32,
     /// Regions in which nothing is detected, such as windows: a list of polygons, each a list of corners (x, y) [px].
     #[schemars(extend("live" = true))]
-    pub masks: Vec<Vec<[f64; 2]>>,
+    pub masks: Vec<Polygon>,
+    /// Regions of single cameras, by their names: `{ wide-3 = [[[0, 0], [9, 0], [0, 9]]] }` [px].
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(extend("default" = {}, "live" = true))]
+    pub camera_masks: BTreeMap<String, Vec<Polygon>>,
 }
 
 /// Which point of a blob is reported.
@@ -95,6 +102,7 @@ impl Default for BlobSettings {
             shape_error: 0.1,
             shrink: 1,
             masks: Vec::new(),
+            camera_masks: BTreeMap::new(),
         }
     }
 }
@@ -119,17 +127,6 @@ impl BlobSettings {
         ConfigError::unless_in("max_features", self.max_features, 1..=10_000)?;
         ConfigError::unless_in("shape_error", self.shape_error, 0.0..=10.0)?;
         ConfigError::unless_in("shrink", self.shrink, 1..=16)?;
-        for (place, polygon) in self.masks.iter().enumerate() {
-            let setting = format!("masks[{place}]");
-            if polygon.len() < 3 {
-                let n = polygon.len();
-                return Err(ConfigError::at(&setting, format_args!("found {n} corners, expected at least 3")));
-            }
-            if let Some([x, y]) = polygon.iter().find(|[x, y]| !(x.is_finite() && y.is_finite())) {
-                let text = format_args!("found the corner ({x}, {y}), expected finite numbers");
-                return Err(ConfigError::at(&setting, text));
-            }
-        }
-        Ok(())
+        check_masks(&self.masks, &self.camera_masks)
     }
 }

@@ -1,7 +1,9 @@
 //! `led.detector`: finds bright lights in the pictures of one camera [Davis 2002 §3.3].
 
+use std::collections::BTreeMap;
+
 use foveate::imaging::hue_between;
-use foveate::node::detector::{DetectorPorts, DetectorShell};
+use foveate::node::detector::{DetectorPorts, DetectorShell, Polygon, check_masks};
 use foveate::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,7 +64,11 @@ pub struct DetectorSettings {
     pub centroid: CentroidKind,
     /// Regions that are not searched, such as monitors: a list of polygons, each a list of corners (x, y) [px].
     #[schemars(extend("live" = true))]
-    pub masks: Vec<Vec<[f64; 2]>>,
+    pub masks: Vec<Polygon>,
+    /// Regions of single cameras, by their names: `{ wide-3 = [[[0, 0], [9, 0], [0, 9]]] }` [px].
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(extend("default" = {}, "live" = true))]
+    pub camera_masks: BTreeMap<String, Vec<Polygon>>,
     /// `full`: every pixel; `sampled`: one row in `grid_px`, and windows where lights are expected [–].
     pub search: Search,
     /// In a sampled search, the distance of the searched rows. They shift from picture to picture, so that a small light at
@@ -132,6 +138,7 @@ impl Default for DetectorSettings {
             sink: 0,
             centroid: CentroidKind::Weighted,
             masks: Vec::new(),
+            camera_masks: BTreeMap::new(),
             search: Search::Sampled,
             grid_px: 5,
             window_px: 40,
@@ -219,10 +226,12 @@ impl Node for Detector {
 
     fn new(settings: DetectorSettings, setup: &Setup) -> Result<Self, ConfigError> {
         settings.check()?;
+        let shell = DetectorShell::new(setup);
+        let settings = of_camera(settings, &shell)?;
         let size = setup.camera_model().map(|it| it.image_size);
         let phase = setup.random.clone().next_u64();
         let led_detector = LedDetector::new(settings, size, phase).map_err(ConfigError::node)?;
-        Ok(Self { led_detector, shell: DetectorShell::new(setup) })
+        Ok(Self { led_detector, shell })
     }
 
     fn process(&mut self, io: &mut Io<'_>) -> Result<(), NodeError> {
@@ -236,13 +245,19 @@ impl Node for Detector {
 
     fn change(&mut self, settings: DetectorSettings) -> Result<(), ConfigError> {
         settings.check()?;
-        self.led_detector.change(settings).map_err(ConfigError::node)
+        self.led_detector.change(of_camera(settings, &self.shell)?).map_err(ConfigError::node)
     }
 
     fn finish(&mut self, report: &mut Report) -> Result<(), NodeError> {
         self.shell.report(report);
         Ok(())
     }
+}
+
+/// The settings with all masks of the camera among `masks`.
+fn of_camera(settings: DetectorSettings, shell: &DetectorShell) -> Result<DetectorSettings, ConfigError> {
+    let masks = shell.masks(&settings.masks, &settings.camera_masks)?;
+    Ok(DetectorSettings { masks, ..settings })
 }
 
 impl DetectorSettings {
@@ -281,20 +296,7 @@ impl DetectorSettings {
                 return Err(ConfigError::at(&setting, text));
             }
         }
-        for (place, polygon) in self.masks.iter().enumerate() {
-            let setting = format!("masks[{place}]");
-            if polygon.len() < 3 {
-                let n = polygon.len();
-                return Err(ConfigError::at(&setting, format_args!("found {n} corners, expected at least 3")));
-            }
-            if let Some([x, y]) = polygon.iter().find(|[x, y]| !(x.is_finite() && y.is_finite())) {
-                return Err(ConfigError::at(
-                    &setting,
-                    format_args!("found the corner ({x}, {y}), expected finite numbers"),
-                ));
-            }
-        }
-        Ok(())
+        check_masks(&self.masks, &self.camera_masks)
     }
 }
 

@@ -168,9 +168,13 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
         let mut window = Window::open(&shown.address);
         let leds = window.node("room.leds");
         window.state_at(0.5);
-        let masks = json!([[[0.0, 0.0], [320.0, 0.0], [320.0, 480.0], [0.0, 480.0]]]);
+        let masks = json!({ "wide-2": [[[0.0, 0.0], [320.0, 0.0], [320.0, 480.0], [0.0, 480.0]]] });
         let set = |values: Value| json!({ "do": "set", "node": leds, "values": values });
-        assert_eq!(window.ask(set(json!({ "offset": 60, "masks": masks }))), (true, "changed".to_owned()), "{name}");
+        assert_eq!(
+            window.ask(set(json!({ "offset": 60, "camera_masks": masks }))),
+            (true, "changed".to_owned()),
+            "{name}"
+        );
         // What cannot be says why, and changes nothing.
         for (values, words) in [
             (json!({ "offset": 300 }), "u8"),
@@ -178,6 +182,7 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
             (json!({ "no_such": 5 }), "no setting"),
             (json!({ "max_area_px": 1 }), "found 1"),
             (json!({ "masks": [[[0.0, 0.0]]] }), "found 1 corners"),
+            (json!({ "camera_masks": { "wide-99": [[[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]] } }), "`wide-99`"),
         ] {
             let (is_ok, said) = window.ask(set(values.clone()));
             assert!(!is_ok && said.contains(words), "{values}: {said}");
@@ -186,7 +191,7 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
         let mut other = Window::open(&shown.address);
         assert_eq!(other.text("settings")["values"]["offset"], 60);
         let unsaved = window.state_at(0.6)["unsaved"].clone();
-        assert_eq!(unsaved, json!(["room.leds.masks", "room.leds.offset"]));
+        assert_eq!(unsaved, json!(["room.leds.camera_masks", "room.leds.offset"]));
         let (is_ok, said) = window.ask(json!({ "do": "save" }));
         assert!(is_ok && said == "saved 2 settings to room.toml", "{said}");
         // Later ones are not lost by a run that ends.
@@ -194,9 +199,15 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
         shown.end();
 
         let saved = fs::read_to_string(folder.path().join("room.toml")).unwrap();
-        assert!(saved.contains("offset = 60") && saved.contains("masks = [[[0.0, 0.0], [320.0, 0.0]"), "{saved}");
+        assert!(
+            saved.contains("offset = 60") && saved.contains("camera_masks = { wide-2 = [[[0.0, 0.0], [320.0, 0.0]"),
+            "{saved}"
+        );
         let others = |text: &str| -> Vec<String> {
-            text.lines().filter(|it| !it.starts_with("offset") && !it.starts_with("masks")).map(str::to_owned).collect()
+            text.lines()
+                .filter(|it| !it.starts_with("offset") && !it.starts_with("camera_masks"))
+                .map(str::to_owned)
+                .collect()
         };
         assert_eq!(others(&saved), others(&rig), "comments and order stay");
         must(folder.path(), &["check", "room.toml"]);
@@ -296,7 +307,7 @@ fn a_session_is_looked_at_forwards_and_backwards() {
 }
 
 /// So many pictures of two cameras: two dots that move by `step` px a picture on a pattern that moves with them; and a rig that tracks them.
-fn dots(folder: &Path, n: u32, step: f64) {
+pub fn dots(folder: &Path, n: u32, step: f64) {
     let wave = |x: f64, y: f64, a: f64, b: f64| (x * a + y * b).sin();
     for camera in ["left", "right"] {
         let shots = folder.join("shots").join(camera);
@@ -339,7 +350,7 @@ fn marks_of_a_session_are_corrected_by_hand_and_tracked_again() {
     window.say(json!({ "do": "subscribe", "topics": [{ "topic": topic, "as": "value", "hz": 60 }] }));
     assert!(window.ask(json!({ "do": "pause" })).0);
     // By label: the columns of the marks at a time, without the common motion.
-    let mut at = |window: &mut Window, to_s: f64| -> Vec<(u64, i64)> {
+    let at = |window: &mut Window, to_s: f64| -> Vec<(u64, i64)> {
         assert!(window.ask(json!({ "do": "seek", "to_s": to_s + 0.001 })).0);
         let list = window.until(|it| match it {
             Came::Frame(frame) if (frame.time_s - to_s).abs() < 0.01 => Some(frame.header["list"].clone()),
@@ -406,7 +417,7 @@ fn marks_of_a_run_are_corrected_at_once() {
     let (node, topic) = (window.node("face.marks"), window.topic("face.marks[left].features"));
     window.say(json!({ "do": "subscribe", "topics": [{ "topic": topic, "as": "value", "hz": 60 }] }));
     assert!(window.ask(json!({ "do": "pause" })).0);
-    let mut frames = |window: &mut Window, is: &dyn Fn(&Value) -> bool| loop {
+    let frames = |window: &mut Window, is: &dyn Fn(&Value) -> bool| loop {
         assert!(window.ask(json!({ "do": "step" })).0);
         let found = window.until(|it| match it {
             Came::Frame(frame) => Some(Some((frame.time_s, frame.header["list"].clone()))),

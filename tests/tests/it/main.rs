@@ -11,6 +11,7 @@ mod calibrate;
 mod calibrate_clocks;
 mod calibrate_inputs;
 mod console;
+mod console_page;
 #[cfg(unix)]
 mod docs;
 mod evaluation;

@@ -194,6 +194,9 @@ pub struct RunArgs {
     /// Go on serving pages after the end of the run, until Ctrl-C
     #[arg(long)]
     stay: bool,
+    /// Show cameras, rates, targets and warnings on the terminal
+    #[arg(long, conflicts_with = "quiet")]
+    status: bool,
     /// Show the run on a web page: cameras, room, health; live settings can be changed there. A run that could be faster keeps to the pace of the wall clock
     #[arg(long)]
     console: bool,

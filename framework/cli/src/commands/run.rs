@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, SystemTime};
 
 use foveate_console::{Console, Mode, Opening};
+use foveate_engine::look::Look;
 use foveate_engine::tap::LeftOut;
 use foveate_engine::{self as engine, Options, Outcome, Progress};
 use foveate_node::setup::expand_path;
@@ -21,6 +22,7 @@ use super::{RunArgs, complain, load, load_quietly};
 use crate::outcome::{describe, exit_code, failures, harmless};
 use crate::output::say;
 use crate::progress::{Line, line_start};
+use crate::status::Status;
 use crate::{exit, interrupt, results};
 
 /// Failures shown at most while a run goes on.
@@ -80,7 +82,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     let options = Options {
         out_dir: Some(folder.to_path_buf()),
         tap: recorder.as_ref().map(Recorder::tap),
-        look: console.as_ref().map(Console::look),
+        look: console.as_ref().map(Console::look).or_else(|| args.status.then(|| Look::new(&graph))),
         controls: console.as_ref().map(Console::controls).unwrap_or_default(),
         ..options
     };
@@ -103,6 +105,10 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
             server.counts().in_words().into_iter().for_each(|it| outcome.report.remark(it));
             let code = conclude(args.quiet, &graph, &outcome, &folder);
             recorded.iter().for_each(|it| eprint!("{}", it.0));
+            let is_simulated = graph.instances.iter().any(|it| it.node_type.name.starts_with("sim."));
+            if is_simulated && !args.console && !args.quiet {
+                say(&format!("watch it in a browser: foveate run {} --console --stay\n", args.rig.display()));
+            }
             if args.stay && !outcome.interrupted {
                 stay(args, &server, &stop);
             }
@@ -245,11 +251,14 @@ fn run_into(
     console: Option<&Console>,
 ) -> Result<Outcome, String> {
     let mut line = Line::new(graph);
+    let mut status = args.status.then(|| Status::new(graph));
     let mut observe = |progress: &Progress| {
         if let Some(console) = console {
             console.advance(progress);
         }
-        if !args.quiet {
+        if let Some(status) = &mut status {
+            status.show(progress);
+        } else if !args.quiet {
             line.show(progress);
         }
     };

@@ -66,6 +66,8 @@ pub struct Shape {
     held_out: Option<HeldOut>,
     unseen: Option<Unseen>,
     spaces: Option<Spaces>,
+    /// Whether points of the world can be given in the scale's space: it stands still, or its place is known.
+    is_placed: bool,
     /// Last positions of the marks in the scale's space.
     last: BTreeMap<u32, Point3<f64>>,
     last_time: Option<Time>,
@@ -123,14 +125,15 @@ impl Node for Shape {
             let model = load_shape_model(&path).map_err(|error| ConfigError::at("model", error))?;
             (Stage::Modelled { n_frames: None }, Some(ShapeFitter::new(model)))
         };
-        let is_told = setup.is_connected(&SPACE);
+        let (is_told, spaces) = (setup.is_connected(&SPACE), Spaces::new(&setup.scales));
         Ok(Self {
             settings,
             stage,
             held_out: fitter.as_ref().map(HeldOut::of),
             unseen: fitter.as_ref().map(|it| Unseen::of(it.model())),
             fitter,
-            spaces: is_told.then(|| Spaces::new(&setup.scales)).filter(Spaces::is_moving),
+            is_placed: is_told || !spaces.is_moving(),
+            spaces: is_told.then_some(spaces).filter(Spaces::is_moving),
             last: BTreeMap::new(),
             last_time: None,
             write_to,
@@ -148,13 +151,16 @@ impl Node for Shape {
             Ok((marks, targets)) => {
                 io.emit(&MARKS, stamp, marks);
                 match targets {
+                    _ if !self.is_placed => {}
                     Ok(targets) => io.emit(&TARGETS, stamp, targets),
                     Err(reason) => io.gap(&TARGETS, measured.time, reason),
                 }
             }
             Err(reason) => {
                 io.gap(&MARKS, measured.time, &reason);
-                io.gap(&TARGETS, measured.time, &reason);
+                if self.is_placed {
+                    io.gap(&TARGETS, measured.time, &reason);
+                }
             }
         }
         Ok(())
