@@ -96,6 +96,11 @@ export function timeBar(bar, shell) {
     input.focus();
   }
 
+  /** Recording begins or ends. */
+  function record() {
+    void shell.command({ do: "record", on: !state?.recording }).then((answer) => shell.say(answer.words));
+  }
+
   /** Ending a run cannot be taken back: asked once more, in place. */
   function stop() {
     const leave = () => {
@@ -126,12 +131,13 @@ export function timeBar(bar, shell) {
 
   function build() {
     if (!hello) return;
-    const can = hello.may_change ? hello.rig.can : { pause: false, step: false, seek: false, loop: false, speed: false, bookmark: false, stop: false };
+    const can = hello.may_change ? hello.rig.can : { pause: false, step: false, seek: false, loop: false, speed: false, bookmark: false, record: false, stop: false };
     const isSession = hello.rig.mode === "session";
     parts = {};
     const row = [];
     if (can.pause) row.push((parts.go = button("Pause", " ", "Pause or go on", toggle)));
     if (can.step && isSession) row.push(button("Back", ",", "One picture back", stepBack));
+    if (can.record) row.push((parts.record = button("Record", "R", "Record, or end the recording", record)));
     if (can.step) row.push(button("Step", ".", "One picture on", step));
     if (can.seek) {
       parts.slider = make("input", { type: "range", min: 0, max: hello.rig.duration_s ?? 1, step: 0.01, value: 0, "aria-label": "Time" });
@@ -171,6 +177,7 @@ export function timeBar(bar, shell) {
     state(now) {
       state = now;
       const ended = now.phase === "finished";
+      if (parts.record) write(parts.record.firstChild, now.recording ? "● End recording" : "Record");
       if (parts.go) write(parts.go.firstChild, isPaused() ? "Go" : "Pause");
       if (!parts.slider) for (const button of bar.querySelectorAll("button")) button.disabled = ended && button !== parts.bookmark;
       if (parts.slider && now.span_s) {
@@ -190,6 +197,7 @@ export function timeBar(bar, shell) {
         [can?.step, ".", "one picture on"],
         [can?.step && can.seek, ",", "one picture back"],
         [can?.loop, "[ ]", "the loop begins, ends here"],
+        [can?.record, "R", "record, or end the recording"],
         [can?.bookmark !== false, "b", "bookmark this moment, with a note"],
       ];
       return hello?.may_change ? all.filter(([has]) => has).map(([, key, what]) => [key, what]) : [];
@@ -204,6 +212,7 @@ export function timeBar(bar, shell) {
         ",": [can.step && can.seek, stepBack],
         "[": [can.loop, loopIn],
         "]": [can.loop, loopOut],
+        R: [can.record, record],
         b: [can.bookmark !== false, bookmark],
       });
       const [has, act] = acts[event.key] ?? [false, () => {}];

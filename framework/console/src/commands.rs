@@ -34,6 +34,8 @@ pub(crate) enum Command {
     Again,
     /// Where the tracker of a node may have gone wrong is looked up.
     Problems { node: usize },
+    /// A recording begins, or ends.
+    Record(bool),
     /// A note at a time of the session [s].
     Bookmark { at_s: f64, note: String },
 }
@@ -104,6 +106,7 @@ fn of(it: &Value, n_topics: usize, n_nodes: usize) -> Result<Command, String> {
                 .ok_or_else(|| "expected a `factor` above 0".to_owned())
         }
         "stop" => Ok(Command::Stop),
+        "record" => Ok(Command::Record(it.get("on").is_none_or(|it| *it != false))),
         "correct" => {
             let rows = it.get("rows").and_then(Value::as_array).filter(|it| !it.is_empty() && it.len() <= MOST_ROWS);
             let rows = rows.ok_or_else(|| format!("found no `rows`, expected 1 to {MOST_ROWS}"))?.clone();

@@ -82,7 +82,12 @@ pub struct Opening {
     pub out_dir: Option<PathBuf>,
     /// Of a session: tracks it again with corrections by hand.
     pub again: Option<Arc<Again>>,
+    /// Of a run: begins a recording at a session time, or ends it.
+    pub record: Option<Box<Record>>,
 }
+
+/// Begins a recording at this session time and gives its file; `None`: ends it, and gives a sentence about it.
+pub type Record = dyn FnMut(Option<Time>) -> Result<String, String> + Send;
 
 /// Makes a session again in which nodes, by their names, have these settings; gives a look into what was made.
 pub type Again = dyn Fn(&[(String, Table)]) -> Result<Glance, String> + Send + Sync;
@@ -205,6 +210,9 @@ struct Desk {
     state: Arc<Mutex<State>>,
     /// A run on a logical clock or a session, which can wait.
     can_wait: bool,
+    record: Option<Box<Record>>,
+    /// The file that is being recorded.
+    recording: Option<String>,
     rig: Option<PathBuf>,
     stop: Arc<AtomicBool>,
     out_dir: Option<PathBuf>,
@@ -227,7 +235,7 @@ impl Desk {
         controls: Controls,
         state: Arc<Mutex<State>>,
     ) -> Desk {
-        let Opening { graph, rig, mode, stop, out_dir, again } = opening;
+        let Opening { graph, rig, mode, stop, out_dir, again, record } = opening;
         let index = Index::of(&graph);
         let rows = Rows::of(&graph, &index);
         let file = match &mode {
@@ -252,7 +260,7 @@ impl Desk {
         let can_correct = index.nodes.iter().any(takes_rows) && (!is_session || again.is_some());
         let can = json!({
             "pause": can_wait, "step": can_wait, "seek": is_session, "loop": is_session, "speed": is_session, "save": rig.is_some(),
-            "set": !is_session, "record": false, "correct": can_correct, "bookmark": out_dir.is_some(), "stop": !is_session,
+            "set": !is_session, "record": record.is_some(), "correct": can_correct, "bookmark": out_dir.is_some(), "stop": !is_session,
         });
         let path = rig.as_ref().map(|it| it.display().to_string());
         let duration_s = graph.duration.map(|it| it.as_s());
@@ -273,6 +281,8 @@ impl Desk {
             controls,
             state,
             can_wait,
+            record,
+            recording: None,
             rig,
             stop,
             out_dir,
@@ -304,6 +314,9 @@ impl Desk {
             if now >= self.next_state && !self.windows.is_empty() {
                 self.next_state = now + STATE_PERIOD;
                 self.tell_state();
+            }
+            if self.recording.is_some() && lock(&self.state).is_finished {
+                drop(self.record(false));
             }
             std::thread::sleep(if self.windows.is_empty() && self.asked.is_empty() { IDLE_PERIOD } else { PERIOD });
         }
@@ -358,10 +371,30 @@ impl Desk {
             },
             Command::Again => self.again(),
             Command::Problems { node } => self.problems(node),
+            Command::Record(is_on) => self.record(is_on),
             Command::Bookmark { at_s, note } => self.note(at_s, &note),
         };
         self.next_state = Instant::now();
         self.answer(client, number, outcome);
+    }
+
+    /// Begins a recording, or ends it.
+    fn record(&mut self, is_on: bool) -> Result<String, String> {
+        let now = self.now();
+        let record = self.record.as_mut().ok_or("nothing can be recorded here")?;
+        match (is_on, self.recording.is_some()) {
+            (true, true) => return Err("it is recorded already".to_owned()),
+            (false, false) => return Err("nothing is being recorded".to_owned()),
+            _ => {}
+        }
+        if is_on {
+            let path = record(Some(now))?;
+            let words = format!("recording to {path}");
+            self.recording = Some(path);
+            return Ok(words);
+        }
+        self.recording = None;
+        record(None)
     }
 
     /// Does what a page wants of time.
@@ -661,6 +694,7 @@ impl Desk {
             },
             viewers: self.windows.len(),
             unsaved: self.unsaved(),
+            recording: self.recording.clone(),
             playing: match &self.source {
                 Source::Session(it) => Some((it.span(), it.repeats, it.speed)),
                 Source::Run(_) => None,

@@ -29,4 +29,4 @@ mod state;
 pub mod view;
 mod window;
 
-pub use console::{Again, Console, Mode, Opening};
+pub use console::{Again, Console, Mode, Opening, Record};

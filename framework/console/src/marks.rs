@@ -284,7 +284,8 @@ mod tests {
         // Each goes to where its neighbour was: no swap.
         assert!(swapped(&before, &together).is_empty());
         let mut exchanged = together.clone();
-        (exchanged.insert(1, together[&2]), exchanged.insert(2, together[&1]));
+        exchanged.insert(1, together[&2]);
+        exchanged.insert(2, together[&1]);
         assert_eq!(swapped(&before, &exchanged), [(1, 2)]);
         // One that jumps to where another was, which is not seen any more.
         let mut jumped = together.clone();

@@ -34,6 +34,8 @@ pub(crate) struct About {
     pub viewers: usize,
     /// Settings that the rig file does not have yet.
     pub unsaved: Vec<String>,
+    /// The file that is being recorded.
+    pub recording: Option<String>,
     /// Of a session: first and last moment, the part that is repeated, and the speed.
     pub playing: Option<([Time; 2], Option<[Time; 2]>, f64)>,
 }
@@ -87,10 +89,11 @@ impl State {
         let of_edge = if about.playing.is_some() { recorded_edge } else { edge };
         let edges: Vec<Value> = self.progress.iter().flat_map(|it| &it.edges).map(of_edge).collect();
         let in_s = |it: [Time; 2]| it.map(Time::as_s);
+        let recording = about.recording.as_ref().map(|it| json!({ "path": it }));
         let speed = about.playing.map(|it| it.2).or_else(|| self.speed());
         json!({
             "say": "state", "phase": phase, "now_s": now_s, "wall_s": wall_s, "speed": speed.map(|it| rounded(it, 3)), "viewers": about.viewers,
-            "edges": edges, "faults": self.faults, "n_faults": self.n_faults, "recording": null, "unsaved": about.unsaved,
+            "edges": edges, "faults": self.faults, "n_faults": self.n_faults, "recording": recording, "unsaved": about.unsaved,
             "span_s": about.playing.map(|it| in_s(it.0)), "loop": about.playing.and_then(|it| it.1).map(in_s),
         })
         .to_string()

@@ -248,6 +248,26 @@ impl Tap {
         self.0.has_room.notify_all();
     }
 
+    /// The same, but nothing is recorded before [`Tap::open`].
+    #[must_use]
+    pub fn closed(self) -> Tap {
+        self.0.is_closed.store(true, Ordering::Relaxed);
+        self
+    }
+
+    /// Records from now on, from event 0.
+    pub fn open(&self) {
+        self.0.next.store(0, Ordering::Relaxed);
+        self.0.is_order_lost.store(false, Ordering::Relaxed);
+        self.0.is_closed.store(false, Ordering::Relaxed);
+    }
+
+    /// Records nothing from now on; what waits for the recorder stays.
+    pub fn rest(&self) {
+        self.0.is_closed.store(true, Ordering::Relaxed);
+        self.0.has_room.notify_all();
+    }
+
     /// What was left out so far.
     pub fn left_out(&self) -> LeftOut {
         LeftOut {

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use foveate_engine::tap::{Entry, Event, Fate, LeftOut, Tap, Wanted};
-use foveate_messages::Image;
+use foveate_messages::{Image, Time};
 use foveate_node::Host;
 use foveate_node::guard::guarded;
 use foveate_node::io::Packet;
@@ -58,6 +58,8 @@ pub struct Recording {
     pub mode: &'static str,
     /// When it began, by the clock on the wall [ns since 1970]; 0 for a run on a logical clock, which is the same at any time.
     pub began_unix_ns: u128,
+    /// Where the recording begins in a run that has begun before. It then has no order of delivery, as a part of a session.
+    pub from: Option<Time>,
 }
 
 /// A recording that is being made.
@@ -92,6 +94,7 @@ impl Recording {
             with_unused: false,
             mode: "simulated",
             began_unix_ns: 0,
+            from: None,
         }
     }
 
@@ -121,14 +124,25 @@ impl Recorder {
     /// # Errors
     /// A sentence: the file cannot be begun.
     pub fn begin(graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
-        let camera =
-            |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
-        let hidden = Hidden::new(graph, &recording.hide_px, &recording.hide_scales)?;
-        let form = |(index, it)| if hidden.is_whole(index) { Pictures::None } else { recording.form(camera(it)) };
-        let pictures: Vec<Pictures> = graph.instances.iter().enumerate().map(form).collect();
-        let mut wanted = wanted(graph, &pictures, recording.with_unused);
-        hidden.needs(|instance, port| wanted[instance][port] = Wanted::Yes);
-        let tap = Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]);
+        let tap = Recorder::tap_for(graph, recording)?;
+        Recorder::begin_on(tap, graph, recording, host)
+    }
+
+    /// A tap for recordings like `recording`.
+    ///
+    /// # Errors
+    /// A sentence: cameras or scales that are to be hidden and are not there.
+    pub fn tap_for(graph: &Arc<Graph>, recording: &Recording) -> Result<Tap, String> {
+        let (_, _, wanted) = plan(graph, recording)?;
+        Ok(Tap::new(graph, recording.memory, recording.waits, |instance, port| wanted[instance][port]))
+    }
+
+    /// Begins a recording on a tap that [`Recorder::tap_for`] gave.
+    ///
+    /// # Errors
+    /// A sentence: the file cannot be begun.
+    pub fn begin_on(tap: Tap, graph: &Arc<Graph>, recording: &Recording, host: Host) -> Result<Recorder, String> {
+        let (hidden, pictures, wanted) = plan(graph, recording)?;
         let attached = attach::gather(graph)?;
         let mut writing = Writing {
             file: SessionFile::create(&recording.path, recording.packing)?,
@@ -180,6 +194,20 @@ impl Recorder {
             .join()
             .unwrap_or_else(|_| Recorded { failure: Some("its thread died".to_owned()), ..Recorded::default() })
     }
+}
+
+/// What is hidden, how the pictures of each instance are recorded, and which messages are wanted, by instance and port.
+type Plan = (Hidden, Vec<Pictures>, Vec<Vec<Wanted>>);
+
+/// What a recording holds.
+fn plan(graph: &Arc<Graph>, recording: &Recording) -> Result<Plan, String> {
+    let camera = |it: &Instance| graph.calibration.cameras.get(usize::from(it.camera?.0)).map(|it| it.name.as_str());
+    let hidden = Hidden::new(graph, &recording.hide_px, &recording.hide_scales)?;
+    let form = |(index, it)| if hidden.is_whole(index) { Pictures::None } else { recording.form(camera(it)) };
+    let pictures: Vec<Pictures> = graph.instances.iter().enumerate().map(form).collect();
+    let mut wanted = wanted(graph, &pictures, recording.with_unused);
+    hidden.needs(|instance, port| wanted[instance][port] = Wanted::Yes);
+    Ok((hidden, pictures, wanted))
 }
 
 /// Adds a message to `body`.
@@ -305,8 +333,10 @@ impl Writing {
             ("platform", format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)),
             ("left_away", json!(self.left_away()).to_string()),
         ];
-        let facts = facts.map(|(key, value)| (key.to_owned(), value));
-        self.file.metadata(names::SESSION, facts.into())?;
+        let mut facts: BTreeMap<String, String> = facts.map(|(key, value)| (key.to_owned(), value)).into();
+        let cut = recording.from.map(|it| ("cut".to_owned(), format!("from {} s to the end", it.as_s())));
+        facts.extend(cut);
+        self.file.metadata(names::SESSION, facts)?;
         self.file.attach(names::RIG, "application/toml", graph.resolved.as_bytes())?;
         self.file.attach(names::REPLAY_RIG, "application/toml", attached.rig.as_bytes())?;
         self.file.attach(names::GRAPH, "application/json", &names)?;
@@ -316,7 +346,9 @@ impl Writing {
             self.file.attach(name, media_type, bytes)?;
         }
         let none = BTreeMap::new();
-        self.order = Some(self.file.channel(names::ORDER, names::ORDER_ENCODING, None, &none)?);
+        if recording.from.is_none() {
+            self.order = Some(self.file.channel(names::ORDER, names::ORDER_ENCODING, None, &none)?);
+        }
         self.status = Some(self.file.channel(names::STATUS, "json", None, &none)?);
         self.file.flush()
     }

@@ -453,3 +453,45 @@ fn same_features(a: &Path, b: &Path) {
     let table = |it: &Path| fs::read_to_string(it.join("features.csv")).unwrap();
     assert!(table(a) == table(b) && table(a).contains(",5"));
 }
+
+#[test]
+fn a_part_of_a_run_is_recorded_when_people_want_it() {
+    let folder = tempfile::tempdir().unwrap();
+    new_room(folder.path());
+    for (name, more) in [("simulated", &[][..]), ("live", &["--live"])] {
+        let run = ["run", "room.toml", "--console", "--listen", "0", "--duration", "600", "--out", name];
+        let mut shown = Shown::start(folder.path(), &[&run[..], more].concat());
+        let mut window = Window::open(&shown.address);
+        window.state_at(1.2);
+        assert!(!window.ask(json!({ "do": "record", "on": false })).0);
+        let mut files = Vec::new();
+        for part in 0..2 {
+            let (is_ok, said) = window.ask(json!({ "do": "record" }));
+            assert!(is_ok && said.starts_with("recording to "), "{said}");
+            let state = window.text("state");
+            files.push(state["recording"]["path"].as_str().unwrap().to_owned());
+            window.state_at(state["now_s"].as_f64().unwrap() + 0.7);
+            assert!(!window.ask(json!({ "do": "record" })).0);
+            if part == 0 {
+                let (is_ok, said) = window.ask(json!({ "do": "record", "on": false }));
+                assert!(is_ok && said.starts_with("recorded "), "{said}");
+            }
+        }
+        // The second one ends with the run.
+        assert!(window.ask(json!({ "do": "stop" })).0);
+        shown.end();
+        assert_eq!(files, [format!("{name}/session.mcap"), format!("{name}/session-2.mcap")]);
+        for file in &files {
+            let info = must(folder.path(), &["info", "--whole", file]);
+            assert!(info.contains("a part, from ") && !info.contains("damaged"), "{info}");
+            // A busy machine may not have come to every camera of a live run.
+            if name == "live" {
+                continue;
+            }
+            let out = file.replace('/', "-");
+            must(folder.path(), &["replay", file, "--from", "room.targets", "--quiet", "--out", &out]);
+            let table = fs::read_to_string(folder.path().join(&out).join("targets.csv")).unwrap();
+            assert!(table.lines().count() > 2, "{file}: {}", table.lines().count());
+        }
+    }
+}

@@ -55,7 +55,7 @@ impl Shown {
         let mode = if is_live { Mode::Live } else { Mode::Simulated };
         let (graph, stop) = (Arc::clone(graph), Arc::clone(&options.stop));
         let out_dir: Option<PathBuf> = options.out_dir.clone();
-        let console = Console::open(Opening { graph, rig: None, mode, stop, out_dir, again: None })?;
+        let console = Console::open(Opening { graph, rig: None, mode, stop, out_dir, again: None, record: None })?;
         let options = Options { look: Some(console.look()), controls: console.controls(), paced: !is_live, ..options };
         let _ = self.console.set(console); // it is opened once
         Ok(options)

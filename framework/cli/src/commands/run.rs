@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, SystemTime};
 
-use foveate_console::{Console, Mode, Opening};
+use foveate_console::{Console, Mode, Opening, Record};
 use foveate_engine::look::Look;
-use foveate_engine::tap::LeftOut;
+use foveate_engine::tap::{LeftOut, Tap};
 use foveate_engine::{self as engine, Options, Outcome, Progress};
+use foveate_messages::Time;
 use foveate_node::setup::expand_path;
 use foveate_node::{Host, Pages, Registry};
 use foveate_rig::Overrides;
@@ -72,7 +73,17 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
         }
     };
     let mode = if is_live { Mode::Live } else { Mode::Simulated };
-    let console = match args.console.then(|| console(&args.rig, &graph, mode, &stop, &folder, &faults)).transpose() {
+    let may_record = args.console && !args.no_record && recorder.is_none();
+    let demand = may_record.then(|| on_demand(&graph, recording(args, &graph, &folder, is_live, options.paced)?));
+    let (tap, record) = match demand.transpose() {
+        Ok(demand) => demand.unzip(),
+        Err(sentence) => {
+            folder.take_back(&results::BEFORE_THE_RUN);
+            return complain(&sentence);
+        }
+    };
+    let console = args.console.then(|| console(&args.rig, &graph, mode, &stop, &folder, &faults, record));
+    let console = match console.transpose() {
         Ok(console) => console,
         Err(sentence) => {
             folder.take_back(&results::BEFORE_THE_RUN);
@@ -81,7 +92,7 @@ pub(super) fn run(args: &RunArgs, registry: &Registry) -> u8 {
     };
     let options = Options {
         out_dir: Some(folder.to_path_buf()),
-        tap: recorder.as_ref().map(Recorder::tap),
+        tap: recorder.as_ref().map(Recorder::tap).or(tap),
         look: console.as_ref().map(Console::look).or_else(|| args.status.then(|| Look::new(&graph))),
         controls: console.as_ref().map(Console::controls).unwrap_or_default(),
         ..options
@@ -148,10 +159,11 @@ fn console(
     stop: &Arc<AtomicBool>,
     folder: &Path,
     faults: &Faults,
+    record: Option<Box<Record>>,
 ) -> Result<Console, String> {
     let (graph, stop) = (Arc::clone(graph), Arc::clone(stop));
-    let opening =
-        Opening { graph, rig: Some(rig.to_owned()), mode, stop, out_dir: Some(folder.to_owned()), again: None };
+    let (rig, out_dir) = (Some(rig.to_owned()), Some(folder.to_owned()));
+    let opening = Opening { graph, rig, mode, stop, out_dir, again: None, record };
     let console = Console::open(opening)?;
     // Nothing else was put there.
     drop(faults.set(Box::new(console.on_fault())));
@@ -194,6 +206,11 @@ fn recorder(
     if args.no_record || (args.record.is_none() && graph.record.is_none()) {
         return Ok(None);
     }
+    Recorder::begin(graph, &recording(args, graph, folder, is_live, is_paced)?, graph.host.clone()).map(Some)
+}
+
+/// How the run is recorded, where it is.
+fn recording(args: &RunArgs, graph: &Graph, folder: &Path, is_live: bool, is_paced: bool) -> Result<Recording, String> {
     let rig = graph.record.clone().unwrap_or_default();
     let named = match (args.record.as_ref().and_then(Option::as_ref), &rig.file) {
         (Some(path), _) => Some(path.clone()),
@@ -212,7 +229,33 @@ fn recorder(
     } else if is_paced {
         recording.mode = "paced";
     }
-    Recorder::begin(graph, &recording, graph.host.clone()).map(Some)
+    Ok(recording)
+}
+
+/// A tap for recordings that people begin and end in the console, and what does that.
+fn on_demand(graph: &Arc<Graph>, recording: Recording) -> Result<(Tap, Box<Record>), String> {
+    let tap = Recorder::tap_for(graph, &recording)?.closed();
+    let (graph, own, mut recorder, mut number) = (Arc::clone(graph), tap.clone(), None, 1);
+    let record = move |from: Option<Time>| {
+        if let Some(recorder) = recorder.take() {
+            own.rest();
+            let (text, failure) = describe_recording(recorder, false, ("view", "shows it"));
+            return failure.map_or(Ok(text.trim_end().to_owned()), Err);
+        }
+        let name = |number: u32| match number {
+            1 => recording.path.clone(),
+            _ => recording.path.with_file_name(format!("session-{number}.mcap")),
+        };
+        while name(number).exists() {
+            number += 1;
+        }
+        let path = name(number);
+        let recording = Recording { path: path.clone(), from, ..recording.clone() };
+        recorder = Some(Recorder::begin_on(own.clone(), &graph, &recording, graph.host.clone())?);
+        own.open();
+        Ok(path.display().to_string())
+    };
+    Ok((tap, Box::new(record)))
 }
 
 /// Ends a recording; what became of it, and why it ended before the run.

@@ -61,8 +61,15 @@ fn show(args: &ViewArgs, registry: &Registry) -> Result<u8, String> {
     remarks.iter().for_each(|it| eprintln!("note: {it}"));
     let mode = Mode::Session(Box::new(glance));
     let again = again(args.session.clone(), files.0.clone(), registry.clone(), Arc::clone(&graph));
-    let opening =
-        Opening { graph, rig: None, mode, stop: Arc::clone(&stop), out_dir: None, again: Some(Arc::new(again)) };
+    let opening = Opening {
+        graph,
+        rig: None,
+        mode,
+        stop: Arc::clone(&stop),
+        out_dir: None,
+        again: Some(Arc::new(again)),
+        record: None,
+    };
     let console = Console::open(opening)?;
     eprintln!("Ctrl-C ends");
     while !stop.load(Ordering::Relaxed) {

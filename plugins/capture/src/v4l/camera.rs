@@ -131,6 +131,12 @@ impl Device for Camera {
         Ok(layout)
     }
 
+    fn change(&mut self, settings: &V4lSettings) -> Result<(), ConfigError> {
+        let before = std::mem::replace(&mut self.settings, settings.clone());
+        let Some(device) = &self.device else { return Ok(()) };
+        self.set_controls(device).inspect_err(|_| self.settings = before)
+    }
+
     fn start(&mut self) -> Result<(), Trouble> {
         self.stop();
         let Some(device) = &self.device else { return Err(Trouble::Gone("the device is closed".to_owned())) };

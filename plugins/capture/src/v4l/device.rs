@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use foveate::prelude::ConfigError;
 
+use super::settings::V4lSettings;
+
 /// Four letters that name a pixel layout, as V4L2 does.
 pub(crate) type FourCc = [u8; 4];
 
@@ -57,6 +59,12 @@ pub(crate) trait Device: Send {
     /// # Errors
     /// It is not there, or does not take a setting: which, and what it offers.
     fn open(&mut self) -> Result<Layout, ConfigError>;
+
+    /// Sets exposure, gain and other controls while it streams; a camera that is not there gets them when it is opened again.
+    ///
+    /// # Errors
+    /// A control that it does not have or take; it keeps the settings that it had.
+    fn change(&mut self, settings: &V4lSettings) -> Result<(), ConfigError>;
 
     /// Lets an opened camera stream.
     ///

@@ -8,6 +8,7 @@ use std::time::Duration;
 use foveate::prelude::ConfigError;
 
 use super::device::{Device, DeviceClock, Filled, FourCc, Layout, Trouble};
+use super::settings::V4lSettings;
 
 /// Time between two frames [ns].
 pub(crate) const PERIOD: i64 = 20_000_000;
@@ -96,6 +97,16 @@ impl Device for Fake {
         }
         self.is_open = true;
         Ok(self.layout)
+    }
+
+    fn change(&mut self, settings: &V4lSettings) -> Result<(), ConfigError> {
+        self.note("change");
+        match settings.gain {
+            Some(gain) if gain > 100 => {
+                Err(ConfigError::at("gain", format_args!("found {gain}, the device takes 0 to 100")))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn start(&mut self) -> Result<(), Trouble> {

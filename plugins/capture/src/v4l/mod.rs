@@ -240,6 +240,17 @@ impl Node for V4l {
         Ok(())
     }
 
+    fn change(&mut self, settings: V4lSettings) -> Result<(), ConfigError> {
+        settings.check()?;
+        match &mut self.source {
+            Source::Open(device, _) => device.change(&settings)?,
+            Source::Reading(reader) => reader.change(&settings)?,
+            Source::None | Source::Dead => {}
+        }
+        self.settings = settings;
+        Ok(())
+    }
+
     fn due(&mut self) -> Due {
         let reader = match &self.source {
             Source::None | Source::Dead => return Due::Never,

@@ -4,12 +4,19 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
+
+use foveate::prelude::ConfigError;
 
 use super::device::DeviceClock;
+use super::settings::V4lSettings;
 use super::stream::{Counts, Lost, Step, Stream, Turn, What};
 
+/// A camera takes its settings between two pictures, in milliseconds.
+const PATIENCE: Duration = Duration::from_secs(2);
 /// Turns that wait for the rig at most.
 const CAPACITY: usize = 4;
 
@@ -20,9 +27,14 @@ pub(crate) struct Reader {
     thread: Option<JoinHandle<Counts>>,
 }
 
+/// Settings for the camera, and where to say what became of them.
+type Change = (V4lSettings, SyncSender<Result<(), ConfigError>>);
+
 #[derive(Default)]
 struct Shared {
     turns: Mutex<Waiting>,
+    /// Settings that the camera is to get.
+    change: Mutex<Option<Change>>,
     stop: AtomicBool,
 }
 
@@ -76,6 +88,10 @@ impl Reader {
         let clock = stream.clock();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             while !own.stop.load(Ordering::Relaxed) {
+                let change = own.change.lock().unwrap_or_else(PoisonError::into_inner).take();
+                if let Some((settings, done)) = change {
+                    let _ = done.try_send(stream.change(&settings)); // who asked may not wait any more
+                }
                 match stream.step() {
                     Step::Turn(turn) => own.turns.lock().unwrap_or_else(PoisonError::into_inner).put(turn),
                     Step::Nothing => {}
@@ -92,6 +108,17 @@ impl Reader {
     /// The oldest turn that waits.
     pub(crate) fn take(&self) -> Option<Turn> {
         self.shared.turns.lock().unwrap_or_else(PoisonError::into_inner).turns.pop_front()
+    }
+
+    /// Gives the camera other settings, and waits until it has taken them.
+    ///
+    /// # Errors
+    /// What it does not take, or that it does not answer.
+    pub(crate) fn change(&self, settings: &V4lSettings) -> Result<(), ConfigError> {
+        let (done, answer) = sync_channel(1);
+        *self.shared.change.lock().unwrap_or_else(PoisonError::into_inner) = Some((settings.clone(), done));
+        self.thread.iter().for_each(|it| it.thread().unpark());
+        answer.recv_timeout(PATIENCE).unwrap_or_else(|_| Err(ConfigError::node("the camera does not answer")))
     }
 
     /// The thread has ended by itself, which it never should.

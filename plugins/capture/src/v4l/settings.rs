@@ -37,14 +37,15 @@ pub struct V4lSettings {
     pub rate_hz: Option<f64>,
     /// Exposure of each picture; 0: automatic exposure; left out: as the device is set [us]
     #[serde(default)]
-    #[schemars(range(min = 0.0, max = 100000000.0))]
+    #[schemars(range(min = 0.0, max = 100000000.0), extend("live" = true))]
     pub exposure_us: Option<f64>,
     /// Amplification, in the device's own steps; left out: as the device is set [–]
     #[serde(default)]
+    #[schemars(extend("live" = true))]
     pub gain: Option<i32>,
     /// Other controls of the device, by the names that `foveate devices` shows: a number, true or false, or an item of a menu by its name [–]
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schemars(extend("default" = {}))]
+    #[schemars(extend("default" = {}, "live" = true))]
     pub controls: BTreeMap<String, ControlValue>,
     /// Buffers that the driver fills in turn: more of them let a slow reader lose fewer pictures [–]
     #[serde(default = "default_buffers")]

@@ -110,6 +110,26 @@ fn node_gives_out_pictures_on_the_session_clock_and_reports_figures() {
 }
 
 #[test]
+fn exposure_and_gain_change_before_and_while_the_camera_streams() {
+    let fake = Fake::new(b"GREY", &vec![Act::Frame; 50]);
+    let log = std::sync::Arc::clone(&fake.log);
+    let setup = setup_with_camera([2, 2]);
+    let mut node = V4l::with_device(settings(""), &setup, Box::new(fake)).unwrap();
+    assert_eq!(Node::change(&mut node, settings("gain = 5")), Ok(()));
+    node.start_reading().unwrap();
+    wait(&mut node);
+    assert_eq!(Node::change(&mut node, settings("gain = 7")), Ok(()));
+    let refused = Node::change(&mut node, settings("gain = 300")).unwrap_err();
+    assert_eq!(
+        (refused.setting.as_deref(), refused.message.as_str()),
+        (Some("gain"), "found 300, the device takes 0 to 100")
+    );
+    assert_eq!(node.settings.gain, Some(7), "it goes on with what it had");
+    assert_eq!(log.lock().unwrap().iter().filter(|it| **it == "change").count(), 3);
+    wait(&mut node);
+}
+
+#[test]
 fn check_opens_nothing() {
     let fake = Fake::new(b"GREY", &[]);
     let log = std::sync::Arc::clone(&fake.log);

@@ -20,6 +20,7 @@ use foveate::prelude::*;
 use super::clock::plausible;
 use super::device::{Device, DeviceClock, Filled, Layout, Trouble};
 use super::pixels;
+use super::settings::V4lSettings;
 use crate::decode::Decoder;
 use crate::settings::Format;
 
@@ -180,6 +181,14 @@ impl Stream {
             }
             State::Streaming(layout) => self.wait(&layout),
         }
+    }
+
+    /// Sets the camera's controls: see [`Device::change`].
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn change(&mut self, settings: &V4lSettings) -> Result<(), ConfigError> {
+        self.device.change(settings)
     }
 
     /// Lets go of the camera.
