@@ -266,6 +266,7 @@ fn live(folder: &Path, only: Option<&str>) {
                 with_unused: false,
                 mode: "live",
                 began_unix_ns: 0,
+                from: None,
             };
             Recorder::begin(&graph, &recording, Host::default()).unwrap()
         });

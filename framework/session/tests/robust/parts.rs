@@ -185,6 +185,7 @@ pub fn recording(path: &Path, packing: Packing) -> Recording {
         waits: true,
         mode: "simulated",
         began_unix_ns: 0,
+        from: None,
     }
 }
 
