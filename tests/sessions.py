@@ -217,5 +217,6 @@ def main():
     shutil.rmtree(out)
 
 
-PROGRAM = program()
-main()
+if __name__ == "__main__":
+    PROGRAM = program()
+    main()

@@ -225,6 +225,8 @@ struct Desk {
     changed: BTreeMap<usize, Table>,
     step: Interval,
     next_state: Instant,
+    /// Messages are due at multiples of their periods since then.
+    epoch: Instant,
 }
 
 impl Desk {
@@ -293,6 +295,7 @@ impl Desk {
             changed: BTreeMap::new(),
             step,
             next_state: Instant::now(),
+            epoch: Instant::now(),
         }
     }
 
@@ -668,6 +671,7 @@ impl Desk {
         let now = Instant::now();
         let mut made: BTreeMap<(usize, view::Kind), Option<Vec<u8>>> = BTreeMap::new();
         for window in &mut self.windows {
+            let mut messages = Vec::new();
             for want in window.wants.iter_mut().filter(|it| it.is_due(now)) {
                 let (instance, port) = self.index.topics[want.topic];
                 let packet = self.source.newest((instance, port));
@@ -679,9 +683,12 @@ impl Desk {
                         .flatten()
                 });
                 if let Some(bytes) = bytes {
-                    self.link.send_latest(window.client, want.slot(), bytes.clone());
+                    messages.push((want.slot(), bytes.clone()));
                 }
-                want.send(&packet, now);
+                want.send(&packet, now, self.epoch);
+            }
+            if !messages.is_empty() {
+                self.link.send_latest(window.client, messages);
             }
         }
     }

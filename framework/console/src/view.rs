@@ -72,6 +72,9 @@ fn start(topic: u32, kind: Kind, stamp: Stamp, header: &str, room: usize) -> Vec
     bytes
 }
 
+/// A picture is reduced by this at most: the sum of so many pixels is a 16-bit number.
+const MOST_FACTOR: u32 = 256;
+
 type Start<'a> = dyn Fn(&str, usize) -> Vec<u8> + 'a;
 
 /// A picture or a silhouette, reduced by a whole factor until it is no wider than `most`.
@@ -85,7 +88,7 @@ fn picture(packet: &Packet, most: u32, start: &Start<'_>) -> Option<Vec<u8>> {
     if pixels.len() != width as usize * height as usize * channels || pixels.is_empty() {
         return None;
     }
-    let factor = if most == 0 { 1 } else { width.div_ceil(most.max(1)).clamp(1, height) };
+    let factor = if most == 0 { 1 } else { width.div_ceil(most).clamp(1, height.min(MOST_FACTOR)) };
     let (columns, rows) = (width / factor, height / factor);
     let Window { left, top, shrink } = window;
     let header = json!({
@@ -103,29 +106,26 @@ fn picture(packet: &Packet, most: u32, start: &Start<'_>) -> Option<Vec<u8>> {
 /// Each pixel is the mean between the mean and the brightest of its cell: a light of two pixels is seen in a small picture, and a wall keeps its gray.
 fn reduce(pixels: &[u8], width: usize, channels: usize, factor: usize, [columns, rows]: [usize; 2], out: &mut Vec<u8>) {
     let n = (factor * factor) as u32;
-    let mut sums = vec![(0_u32, 0_u8); columns * channels];
-    for row in 0..rows {
-        sums.fill((0, 0));
-        for line in pixels.chunks_exact(width * channels).skip(row * factor).take(factor) {
-            if channels == 1 {
-                for (cell, sum) in line.chunks_exact(factor).zip(&mut sums) {
-                    for &pixel in cell {
-                        sum.0 += u32::from(pixel);
-                        sum.1 = sum.1.max(pixel);
-                    }
-                }
-                continue;
-            }
-            for (cell, sums) in line.chunks_exact(factor * channels).zip(sums.chunks_exact_mut(channels)) {
-                for pixel in cell.chunks_exact(channels) {
-                    for (sum, &value) in sums.iter_mut().zip(pixel) {
-                        sum.0 += u32::from(value);
-                        sum.1 = sum.1.max(value);
-                    }
-                }
+    // Down the columns first, which goes many at a time.
+    let (mut sums, mut most) = (vec![0_u16; width * channels], vec![0_u8; width * channels]);
+    for cells in pixels.chunks_exact(width * channels * factor).take(rows) {
+        sums.fill(0);
+        most.fill(0);
+        for line in cells.chunks_exact(width * channels) {
+            for ((sum, most), &pixel) in sums.iter_mut().zip(&mut most).zip(line) {
+                *sum += u16::from(pixel);
+                *most = (*most).max(pixel);
             }
         }
-        out.extend(sums.iter().map(|&(sum, most)| ((sum / n + u32::from(most)) / 2) as u8));
+        for cell in 0..columns {
+            let start = cell * factor * channels;
+            for channel in start..start + channels {
+                let places = || (channel..channel + factor * channels).step_by(channels);
+                let sum: u32 = places().map(|it| u32::from(sums[it])).sum();
+                let brightest = places().map(|it| most[it]).max().unwrap_or(0);
+                out.push(((sum / n + u32::from(brightest)) / 2) as u8);
+            }
+        }
     }
 }
 

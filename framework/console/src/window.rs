@@ -51,10 +51,11 @@ impl Want {
         self.sent != Some(mark(packet))
     }
 
-    /// `packet` was sent at `now`. The next one is due a period after this one was, so that the mean rate is the wanted one.
-    pub(crate) fn send(&mut self, packet: &Packet, now: Instant) {
+    /// `packet` was sent at `now`. The next one is due at a multiple of the period since `epoch`: windows that want the same get it at once, and it is made once.
+    pub(crate) fn send(&mut self, packet: &Packet, now: Instant, epoch: Instant) {
         self.sent = Some(mark(packet));
-        self.next = (self.next + self.period).max(now);
+        let n_periods = (now.saturating_duration_since(epoch).as_secs_f64() / self.period.as_secs_f64()).floor() + 1.0;
+        self.next = epoch + self.period.mul_f64(n_periods);
     }
 
     /// The number of what it shows, under which a later message replaces an earlier one that waits.

@@ -66,9 +66,9 @@ pub trait PageLink: Send {
     /// Sends a text to one window; `false` where that is closed, or reads so slowly that the message is skipped.
     fn send(&mut self, client: Client, text: &str) -> bool;
 
-    /// Sends bytes to one window. What waits there under the same `topic` is replaced: a window that reads slowly gets the newest. `false` where the window is closed, or so much
-    /// waits for it that the message is skipped, or the link carries texts alone.
-    fn send_latest(&mut self, _client: Client, _topic: u64, _bytes: Vec<u8>) -> bool {
+    /// Sends bytes to one window, each under a topic: what waits there under the same one is replaced, so that a window that reads slowly gets the newest. `false` where
+    /// the window is closed, so much waits for it that a message is skipped, or the link carries texts alone.
+    fn send_latest(&mut self, _client: Client, _messages: Vec<(u64, Vec<u8>)>) -> bool {
         false
     }
 

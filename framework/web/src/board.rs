@@ -120,6 +120,26 @@ struct Window {
     close: Option<&'static str>,
 }
 
+impl Window {
+    /// Lets bytes wait in the place of earlier ones of their topic; gives them back where too much waits.
+    fn put(&mut self, topic: u64, bytes: Vec<u8>) -> Option<Vec<u8>> {
+        let waiting = self.out.iter().position(|it| matches!(it, Out::Latest(other, _) if *other == topic));
+        let freed = waiting.map_or(0, |it| self.out[it].len());
+        let is_full = waiting.is_none() && self.out.len() >= MOST_OUT;
+        // A single message may be larger than all that otherwise waits: a picture as it is.
+        let is_heavy = self.out_bytes > freed && self.out_bytes - freed + bytes.len() > MOST_OUT_BYTES;
+        if is_full || is_heavy || bytes.len() > MOST_LATEST_BYTES {
+            return Some(bytes);
+        }
+        self.out_bytes = self.out_bytes - freed + bytes.len();
+        match waiting {
+            Some(place) => self.out[place] = Out::Latest(topic, bytes),
+            None => self.out.push_back(Out::Latest(topic, bytes)),
+        }
+        None
+    }
+}
+
 impl Board {
     pub(crate) fn new() -> Board {
         Board { inner: Mutex::default(), waker: OnceLock::new(), epoch: Instant::now() }
@@ -216,29 +236,17 @@ impl Board {
         true
     }
 
-    /// Bytes for a window, in the place of what waits there under the same topic.
-    pub(crate) fn send_latest(&self, name: &str, client: Client, topic: u64, bytes: Vec<u8>) -> bool {
+    /// Bytes for a window, each in the place of what waits there under the same topic.
+    pub(crate) fn send_latest(&self, name: &str, client: Client, messages: Vec<(u64, Vec<u8>)>) -> bool {
         let mut inner = self.lock();
         let Some(window) = inner.windows.get_mut(&client).filter(|it| it.page == name && it.close.is_none()) else {
             return false;
         };
-        let waiting = window.out.iter().position(|it| matches!(it, Out::Latest(other, _) if *other == topic));
-        let freed = waiting.map_or(0, |it| window.out[it].len());
-        let is_full = waiting.is_none() && window.out.len() >= MOST_OUT;
-        // A single message may be larger than all that otherwise waits: a picture as it is.
-        let is_heavy = window.out_bytes > freed && window.out_bytes - freed + bytes.len() > MOST_OUT_BYTES;
-        if is_full || is_heavy || bytes.len() > MOST_LATEST_BYTES {
-            inner.counts.skipped += 1;
-            return false;
-        }
-        window.out_bytes = window.out_bytes - freed + bytes.len();
-        match waiting {
-            Some(place) => window.out[place] = Out::Latest(topic, bytes),
-            None => window.out.push_back(Out::Latest(topic, bytes)),
-        }
+        let n_skipped = messages.into_iter().filter_map(|(topic, bytes)| window.put(topic, bytes)).count() as u64;
+        inner.counts.skipped += n_skipped;
         drop(inner);
         self.wake();
-        true
+        n_skipped == 0
     }
 
     pub(crate) fn greet(&self, name: &str, number: u64, text: &str) {
@@ -361,17 +369,20 @@ mod tests {
         board.open("a", "room.a", page()).unwrap();
         let client = board.opened("a").unwrap();
         for n in 0..3_u8 {
-            assert!(board.send_latest("a", client, 7, vec![n; 1000]) && board.send_latest("a", client, 8, vec![n]));
+            assert!(board.send_latest("a", client, vec![(7, vec![n; 1000]), (8, vec![n])]));
         }
         let taken: Vec<_> = std::iter::from_fn(|| board.next_out(client)).collect();
         assert!(matches!(&taken[..], [Out::Latest(7, a), Out::Latest(8, b)] if a[..] == [2; 1000] && b[..] == [2]));
         assert_eq!(board.counts().skipped, 0);
         // One large picture is taken, and a second one beside it is not.
         let large = vec![0; MOST_OUT_BYTES + 1];
-        assert!(board.send_latest("a", client, 1, large.clone()) && board.send_latest("a", client, 1, large.clone()));
-        assert!(!board.send_latest("a", client, 2, large) && board.counts().skipped == 1);
+        assert!(
+            board.send_latest("a", client, vec![(1, large.clone())])
+                && board.send_latest("a", client, vec![(1, large.clone())])
+        );
+        assert!(!board.send_latest("a", client, vec![(2, large)]) && board.counts().skipped == 1);
         assert!(board.next_out(client).is_some() && board.next_out(client).is_none());
-        assert!(!board.send_latest("b", client, 1, vec![0]), "another page's window");
+        assert!(!board.send_latest("b", client, vec![(1, vec![0])]), "another page's window");
     }
 
     #[test]

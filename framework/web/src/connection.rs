@@ -21,6 +21,8 @@ const LONGEST_STALL: Duration = Duration::from_secs(5);
 const QUIET: Duration = Duration::from_secs(10);
 /// Longest message of a page [bytes].
 const MOST_MESSAGE: usize = 64 << 10;
+/// Messages to a window go together up to so much [bytes].
+const TOGETHER: usize = 128 << 10;
 /// Messages and bytes that a window may send in a second: a page that follows a pointer sends 60 to 1000.
 const MOST_A_SECOND: u32 = 4000;
 const MOST_BYTES_A_SECOND: usize = 8 << 20;
@@ -210,7 +212,7 @@ impl Connection {
         }
         let config = WebSocketConfig::default()
             .read_buffer_size(8 << 10)
-            .write_buffer_size(0)
+            .write_buffer_size(TOGETHER)
             .max_message_size(Some(MOST_MESSAGE))
             .max_frame_size(Some(MOST_MESSAGE));
         let now = Instant::now();
@@ -377,16 +379,26 @@ impl Socket {
         }
         while self.held.is_none() {
             let Some(next) = board.next_out(self.client) else { break };
-            self.write(match next {
+            let message = match next {
                 Out::Text(text) => Message::text(&*text),
                 Out::Latest(_, bytes) => Message::binary(bytes),
-            })?;
+            };
+            let written = self.web.write(message);
+            self.note(written)?;
         }
-        Ok(())
+        // Small ones go together.
+        let flushed = if self.held.is_none() { self.web.flush() } else { Ok(()) };
+        self.note(flushed)
     }
 
     fn write(&mut self, message: Message) -> Result<(), String> {
-        match self.web.send(message) {
+        let sent = self.web.send(message);
+        self.note(sent)
+    }
+
+    /// Notes that the other end takes no more for now.
+    fn note(&mut self, written: Result<(), Error>) -> Result<(), String> {
+        match written {
             Ok(()) => Ok(()),
             Err(Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => {
                 self.held.get_or_insert_with(Instant::now);

@@ -151,8 +151,8 @@ impl PageLink for Link {
         self.board.send(&self.name, client, text)
     }
 
-    fn send_latest(&mut self, client: Client, topic: u64, bytes: Vec<u8>) -> bool {
-        self.board.send_latest(&self.name, client, topic, bytes)
+    fn send_latest(&mut self, client: Client, messages: Vec<(u64, Vec<u8>)>) -> bool {
+        self.board.send_latest(&self.name, client, messages)
     }
 
     fn greet(&mut self, text: &str) {
