@@ -1,5 +1,5 @@
 // @ts-check
-// How the cameras share the window: those whose pictures have one shape stand together, so that no row has holes; and how much of their pictures is asked for.
+// How the cameras share the window: those whose pictures have one shape stand together, so that no row has holes; and how much of their pictures is requested.
 
 export const GAP_PX = 6;
 const NARROW_PX = 600;
@@ -67,7 +67,7 @@ export function arrange(groups, width, height, caption) {
 }
 
 /**
- * How wide and how often pictures are asked for: less often first, then narrower. The program reduces them by whole factors, so that only these widths differ.
+ * How wide and how often pictures are requested: less often first, then narrower. The program reduces them by whole factors, so that only these widths differ.
  * @param {{size: [number, number], shown: number, layers: number}[]} cameras `shown`: width on the screen; `layers`: pictures of this camera, its silhouettes too
  * @returns {{widths: number[], hz: number}}
  */

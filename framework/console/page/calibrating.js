@@ -1,5 +1,5 @@
 // @ts-check
-// Collecting pictures for a calibration, for whoever waves a light or a board: what to do next, where each camera has seen it, and when it is enough.
+// Collecting pictures for a calibration, for the person who waves a light or a board: what to do next, where each camera has seen it, and when it is enough.
 import { make, number, write } from "./dom.js";
 import { cameraMaps } from "./calibrating_maps.js";
 import { pairMatrix } from "./calibrating_pairs.js";

@@ -66,7 +66,7 @@ export function tile(context, camera) {
   const features = new Map(camera.features.map((topic) => [topic, new Matched()]));
   let dirty = true;
 
-  /** Drawn anew only when what belongs to the picture changes. */
+  /** Drawn again only when what belongs to the picture changes. */
   function match() {
     const time_s = picture.frame?.time_s;
     for (const found of features.values()) if (found.match(time_s)) dirty = true;

@@ -20,7 +20,7 @@ export function make(tag, attributes = {}, ...children) {
 }
 
 /**
- * Sets text only where it differs: a text that is set anew is laid out anew, and read out anew.
+ * Sets text only where it differs: a text that is set again is laid out again, and read out again.
  * @param {Node} element
  * @param {string} words
  */

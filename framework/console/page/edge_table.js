@@ -33,7 +33,7 @@ export function edgeTable(context, choose) {
     const element = make("tr", { class: kind }, make("th", { scope: "row" }, name), ...cells, promise);
     return {
       element,
-      /** @param {import("./link.js").EdgeState|null} row @param {number} unmet how many of the edges that it stands for */
+      /** @param {import("./link.js").EdgeState|null} row @param {number} unmet how many of the edges that it represents */
       show(row, unmet) {
         texts(row).forEach((words, index) => {
           write(cells[index], words);

@@ -138,7 +138,7 @@ const sheet = helpSheet();
 /** @type {Map<string, string>} Reading a style each time would cost more than drawing with it. */
 const styles = new Map();
 window.addEventListener("resize", () => styles.clear());
-// Pictures depend on the colours, and are drawn anew as for a new size.
+// Pictures depend on the colours, and are drawn again as for a new size.
 const look = theme(() => window.dispatchEvent(new Event("resize")));
 
 /** @param {string} name */
@@ -150,7 +150,7 @@ function css(name) {
   return value;
 }
 
-/** A command whose refusal is told. @param {object} words */
+/** A command whose refusal is shown. @param {object} words */
 async function order(words) {
   const answer = await link.command(words);
   if (answer.words) say(answer.words);

@@ -4,7 +4,7 @@
 /** @typedef {import("./main.js").Frame} Frame */
 
 const KEPT = 16;
-/** What comes so long after the pause was asked for, by a step. */
+/** What comes so long after the pause was requested, by a step. */
 const UNDERWAY_MS = 500;
 
 /** @param {(frame: Frame) => void} take */

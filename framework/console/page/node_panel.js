@@ -7,7 +7,7 @@ import { tree } from "./tree.js";
 const VALUE_HZ = 4;
 const PICTURE_PX = 64;
 
-/** How a topic is asked for when only its head is to be seen. @param {string} message @returns {"picture"|"points"|"mesh"|"value"} */
+/** How a topic is requested when only its head is to be seen. @param {string} message @returns {"picture"|"points"|"mesh"|"value"} */
 function kindOf(message) {
   if (message === "image" || message === "silhouette") return "picture";
   if (message === "mesh" || message === "tracked_surface") return "mesh";

@@ -40,7 +40,7 @@ const IDLE_PERIOD: Duration = Duration::from_millis(100);
 const STATE_PERIOD: Duration = Duration::from_millis(250);
 /// A change of settings that no worker has made by then is said to have come too late.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Windows at once; more are told so.
+/// Windows at once; more are refused.
 const MOST_WINDOWS: usize = 32;
 /// A step of a rig whose sources do not say how often they give pictures [s].
 const STEP_S: f64 = 1.0 / 30.0;

@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`console`] | the console as a program sees it: opened on a graph, told of progress and faults, ended |
+//! | [`console`] | the console as a program sees it: opened on a graph, which learns of progress and faults, ended |
 //! | [`hello`] | what a page learns first: cameras, scales, nodes with their settings, outputs, edges |
 //! | [`view`] | messages as the page gets them: values, pictures, points, meshes |
 //! | `window` | one window: what it looks at, and what it was sent |
