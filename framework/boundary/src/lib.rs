@@ -177,7 +177,7 @@ pub trait LibraryNode: Send {
     /// # Errors
     /// The words of a panic.
     fn process(&mut self, io: &mut Io<'_>) -> Caught<Result<(), NodeError>>;
-    /// [`Node::change`](foveate_node::Node::change), to settings of its own type.
+    /// [`Node::change`], to settings of its own type.
     ///
     /// # Errors
     /// The words of a panic.
