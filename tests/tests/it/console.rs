@@ -163,7 +163,7 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
         fs::write(folder.path().join("room.toml"), &rig).unwrap();
         let session = format!("{name}.mcap");
         let run =
-            ["run", "room.toml", "--console", "--listen", "0", "--duration", "4", "--out", name, "--record", &session];
+            ["run", "room.toml", "--console", "--listen", "0", "--duration", "10", "--out", name, "--record", &session];
         let mut shown = Shown::start(folder.path(), &[&run[..], more].concat());
         let mut window = Window::open(&shown.address);
         let leds = window.node("room.leds");
@@ -218,7 +218,7 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
     }
     // The change has changed something.
     fs::write(folder.path().join("room.toml"), &rig).unwrap();
-    must(folder.path(), &["run", "room.toml", "--duration", "4", "--quiet", "--out", "plain"]);
+    must(folder.path(), &["run", "room.toml", "--duration", "10", "--quiet", "--out", "plain"]);
     let table = |out: &str| fs::read(folder.path().join(out).join("targets.csv")).unwrap();
     assert!(table("plain") != table("simulated"));
 }
@@ -227,7 +227,7 @@ fn settings_that_change_in_a_run_are_saved_and_replayed_to_the_same_files() {
 fn a_simulated_run_waits_steps_and_goes_on_and_viewers_change_nothing() {
     let folder = tempfile::tempdir().unwrap();
     new_room(folder.path());
-    let run = ["run", "room.toml", "--console", "--listen", "0", "--duration", "3", "--out", "shown"];
+    let run = ["run", "room.toml", "--console", "--listen", "0", "--duration", "6", "--out", "shown"];
     let mut shown = Shown::start(folder.path(), &run);
     let mut window = Window::open(&shown.address);
     assert_eq!(window.hello["rig"]["mode"], "simulated");
@@ -261,7 +261,7 @@ fn a_simulated_run_waits_steps_and_goes_on_and_viewers_change_nothing() {
     // A second window that never reads holds nothing up.
     let _stalled = Window::open(&shown.address);
     shown.end();
-    must(folder.path(), &["run", "room.toml", "--duration", "3", "--quiet", "--out", "plain"]);
+    must(folder.path(), &["run", "room.toml", "--duration", "6", "--quiet", "--out", "plain"]);
     same_files("shown", &folder.path().join("plain"), &folder.path().join("shown"));
 }
 
@@ -410,7 +410,7 @@ fn marks_of_a_session_are_corrected_by_hand_and_tracked_again() {
 #[test]
 fn marks_of_a_run_are_corrected_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    dots(folder.path(), 100, 1.0);
+    dots(folder.path(), 300, 0.3);
     let run = ["run", "dots.toml", "--console", "--listen", "0", "--record", "s.mcap", "--out", "run"];
     let mut shown = Shown::start(folder.path(), &run);
     let mut window = Window::open(&shown.address);
@@ -440,7 +440,7 @@ fn marks_of_a_run_are_corrected_at_once() {
     assert_eq!(window.ask(json!({ "do": "correct", "node": node, "rows": [row] })), (true, "changed".to_owned()));
     let (later_s, list) = frames(&mut window, &|it| it[0]["label"] == 5);
     let moved = list[0]["centre"][0].as_f64().unwrap() - place[0].as_f64().unwrap();
-    assert!((moved - 20.0 * (later_s - time_s)).abs() < 0.3, "{moved} px in {} s", later_s - time_s);
+    assert!((moved - 6.0 * (later_s - time_s)).abs() < 0.3, "{moved} px in {} s", later_s - time_s);
     assert!(window.ask(json!({ "do": "go" })).0);
     shown.end();
     assert!(folder.path().join("run/corrections.csv").exists());
