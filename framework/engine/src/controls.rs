@@ -75,7 +75,11 @@ impl Controls {
     /// Whether a run waits before what happens at `time`.
     pub(crate) fn holds(&self, time: Time) -> bool {
         let is_held = time.0 > self.0.until.load(Ordering::Relaxed);
-        self.0.held.store(if is_held { time.0 } else { NOT_HELD }, Ordering::Relaxed);
+        let held = if is_held { time.0 } else { NOT_HELD };
+        // Nearly always it stands there already.
+        if self.0.held.load(Ordering::Relaxed) != held {
+            self.0.held.store(held, Ordering::Relaxed);
+        }
         is_held
     }
 
@@ -94,9 +98,9 @@ impl Controls {
         taken
     }
 
-    /// The run is over: nothing changes any more.
-    pub(crate) fn end(&self) {
-        self.take(|_| true).into_iter().for_each(|it| (it.done)(Err("the run has ended".to_owned())));
+    /// Answers all changes that wait with why they are not made.
+    pub(crate) fn refuse(&self, why: &str) {
+        self.take(|_| true).into_iter().for_each(|it| (it.done)(Err(why.to_owned())));
     }
 
     fn lock(&self) -> MutexGuard<'_, VecDeque<Change>> {

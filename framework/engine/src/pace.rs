@@ -32,9 +32,12 @@ impl Pace {
         if options.controls.holds(time) {
             return Some(HELD_PAUSE);
         }
+        if !options.paced {
+            return None;
+        }
         let elapsed = self.started.elapsed().saturating_sub(self.held).as_nanos() as i64;
         let ahead = time.0.saturating_sub(elapsed);
-        (options.paced && ahead > 0).then(|| LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())))
+        (ahead > 0).then(|| LONGEST_PAUSE.min(Duration::from_nanos(ahead.unsigned_abs())))
     }
 
     /// Sleeps for `pause`, which does not count while people hold the run before `time`.

@@ -119,8 +119,8 @@ pub(super) fn run(
         while let Some(pause) = pace.pause(entry.now, options) {
             pace.sleep(pause, entry.now, options);
         }
-        for it in options.controls.take(|_| true) {
-            (it.done)(Err("a replay in the recorded order keeps the recorded settings".to_owned()));
+        if options.controls.is_waiting() {
+            options.controls.refuse("a replay in the recorded order keeps the recorded settings");
         }
         if let Err(what) = replay.follow(entry) {
             ended_by = Some(what);
