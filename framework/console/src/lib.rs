@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`console`] | the console as a program sees it: opened on a graph, which learns of progress and faults, ended |
+//! | `desk` | the thread that answers windows and sends them what they look at |
 //! | [`hello`] | what a page learns first: cameras, scales, nodes with their settings, outputs, edges |
 //! | [`view`] | messages as the page gets them: values, pictures, points, meshes |
 //! | `window` | one window: what it looks at, and what it was sent |
@@ -20,6 +21,7 @@
 
 mod commands;
 pub mod console;
+mod desk;
 pub mod hello;
 pub mod marks;
 mod page;

@@ -1,6 +1,7 @@
 //! What changes while a run goes on: time, edges, faults.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use foveate_engine::{EdgeView, Progress};
@@ -103,6 +104,11 @@ impl State {
 /// Of a recording: how many and how often; the rest was not written down.
 fn recorded_edge(it: &EdgeView) -> Value {
     json!([it.delivered, it.rate_hz.map(|it| rounded(it, 2)), null, 0, null, null, null, null, null, null])
+}
+
+/// Locks what the program and the console's thread share.
+pub(crate) fn lock<T>(it: &Mutex<T>) -> MutexGuard<'_, T> {
+    it.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn edge(it: &EdgeView) -> Value {
