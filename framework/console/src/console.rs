@@ -69,7 +69,6 @@ pub struct Console {
     state: Arc<Mutex<State>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    address: String,
 }
 
 impl Console {
@@ -81,17 +80,11 @@ impl Console {
         let link = opening.graph.pages.open("console", page::page())?.ok_or("this run serves no pages")?;
         let (look, controls) = (Look::new(&opening.graph), Controls::default());
         let (state, is_over) = (Arc::<Mutex<State>>::default(), Arc::<AtomicBool>::default());
-        let address = link.address();
         let desk = Desk::new(opening, link, look.clone(), controls.clone(), Arc::clone(&state));
         let over = Arc::clone(&is_over);
         let thread = std::thread::Builder::new().name("console".to_owned()).spawn(move || desk.work(&over));
         let thread = thread.map_err(|error| format!("the console cannot be opened: {error}"))?;
-        Ok(Console { look, controls, state, is_over, thread: Some(thread), address })
-    }
-
-    /// Where people open it, without any secret.
-    pub fn address(&self) -> &str {
-        &self.address
+        Ok(Console { look, controls, state, is_over, thread: Some(thread) })
     }
 
     /// What the run shows itself to.

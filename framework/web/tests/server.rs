@@ -318,6 +318,42 @@ fn half_a_request_does_not_keep_a_place_for_ever_and_places_are_counted() {
 }
 
 #[test]
+fn a_thousand_connections_at_once_are_bounded_and_leave_the_windows_alone() {
+    let mut house = house("0");
+    let mut socket = house.open();
+    let client = house.opened();
+    let crowd: Vec<TcpStream> = (0..1000).filter_map(|_| TcpStream::connect(house.at).ok()).collect();
+    house.counts(|it| it.too_many >= 500);
+    assert!(house.link.send(client, "still here"));
+    assert_eq!(socket.read().unwrap(), Message::text("still here"));
+    drop(crowd);
+    assert!(house.ask("/", &house.own()).starts_with("HTTP/1.1 200"), "there is room again");
+}
+
+#[test]
+fn bytes_go_to_windows_the_newest_of_each_topic_and_none_come_from_them() {
+    let mut house = house("0");
+    let mut socket = house.open();
+    let client = house.opened();
+    // More than the system's buffers hold: what waits is replaced.
+    for number in 0..200_u8 {
+        house.link.send_latest(client, vec![(1, vec![number; 300_000]), (2, vec![number])]);
+    }
+    let (mut n, mut last) = (0, [0; 2]);
+    while last != [199, 199] {
+        let Message::Binary(bytes) = socket.read().unwrap() else { continue };
+        let place = usize::from(bytes.len() == 1);
+        assert!(bytes[0] >= last[place] && bytes.iter().all(|it| *it == bytes[0]), "in order and whole");
+        last[place] = bytes[0];
+        n += 1;
+    }
+    assert!(n < 400, "{n}: some were replaced");
+    socket.send(Message::binary(vec![1, 2, 3])).unwrap();
+    assert!(house.closed().contains("3 bytes that are no text"));
+    house.counts(|it| it.malformed == 1 && it.skipped == 0);
+}
+
+#[test]
 fn the_end_closes_windows_and_the_port_at_once_even_with_clients_that_hang() {
     let mut house = house("0");
     let mut socket = house.open();
