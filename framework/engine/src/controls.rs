@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::sync::atomic::{AtomicI64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use foveate_messages::Time;
@@ -10,6 +10,8 @@ use foveate_node::given::Table;
 
 /// The run does not wait for people.
 const NOT_HELD: i64 = i64::MIN;
+/// Why a change is not made any more.
+const OVER: &str = "the run has ended";
 /// Changes that wait, at most.
 const MOST_WAITING: usize = 1024;
 
@@ -20,6 +22,7 @@ pub struct Controls(Arc<Shared>);
 struct Shared {
     changes: Mutex<VecDeque<Change>>,
     n_changes: AtomicUsize,
+    is_over: AtomicBool,
     until: AtomicI64,
     held: AtomicI64,
 }
@@ -36,9 +39,9 @@ pub struct Change {
 
 impl Default for Controls {
     fn default() -> Controls {
-        let (changes, n_changes) = (Mutex::default(), AtomicUsize::new(0));
+        let (changes, n_changes, is_over) = (Mutex::default(), AtomicUsize::new(0), AtomicBool::new(false));
         let (until, held) = (AtomicI64::new(i64::MAX), AtomicI64::new(NOT_HELD));
-        Controls(Arc::new(Shared { changes, n_changes, until, held }))
+        Controls(Arc::new(Shared { changes, n_changes, is_over, until, held }))
     }
 }
 
@@ -46,9 +49,12 @@ impl Controls {
     /// Hands a change to the run, which makes it between two activations of the node.
     ///
     /// # Errors
-    /// That too many wait already.
+    /// That too many wait already, or that the run has ended.
     pub fn change(&self, change: Change) -> Result<(), String> {
         let mut changes = self.lock();
+        if self.0.is_over.load(Ordering::Relaxed) {
+            return Err(OVER.to_owned());
+        }
         if changes.len() >= MOST_WAITING {
             return Err(format!("{MOST_WAITING} changes of settings wait already"));
         }
@@ -101,6 +107,14 @@ impl Controls {
     /// Answers all changes that wait with why they are not made.
     pub(crate) fn refuse(&self, why: &str) {
         self.take(|_| true).into_iter().for_each(|it| (it.done)(Err(why.to_owned())));
+    }
+
+    /// No change is made from now on.
+    pub(crate) fn end(&self) {
+        let changes = self.lock();
+        self.0.is_over.store(true, Ordering::Relaxed);
+        drop(changes);
+        self.refuse(OVER);
     }
 
     fn lock(&self) -> MutexGuard<'_, VecDeque<Change>> {

@@ -265,7 +265,7 @@ fn conclude(
     options: &Options,
 ) -> Outcome {
     let mut report = Report::default();
-    options.controls.refuse("the run has ended");
+    options.controls.end();
     stage.flush(ended);
     stage.finish(ended, &mut report);
     stage.note(ended, || Event::Ended { interrupted, is_cut_short: options.is_cut_short });

@@ -1,7 +1,7 @@
 //! Live settings that pages change, and how they get into the rig.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use foveate_engine::controls::Change;
 use foveate_node::given::Table;
@@ -13,9 +13,6 @@ use super::Desk;
 use crate::settings::{self, Changed, in_json};
 use crate::source::Source;
 
-/// A change of settings that no worker has made by then is said to have come too late.
-const PATIENCE: Duration = Duration::from_secs(5);
-
 /// What one change of settings has come to.
 pub(super) struct Asked {
     client: Client,
@@ -25,7 +22,6 @@ pub(super) struct Asked {
     /// Instances that have not answered yet.
     waiting: usize,
     refused: Option<String>,
-    until: Instant,
     answers: Receiver<Result<(), String>>,
 }
 
@@ -50,27 +46,24 @@ impl Desk {
             let done = Box::new(move |it| drop(answer.send(it)));
             self.controls.change(Change { instance, values: values.clone(), done })?;
         }
-        let (waiting, until) = (instances.len(), Instant::now() + PATIENCE);
-        self.asked.push(Asked { client, number, node, values, waiting, refused: None, until, answers });
+        self.asked.push(Asked { client, number, node, values, waiting: instances.len(), refused: None, answers });
         Ok(())
     }
 
     /// Answers changes of settings that all instances have taken, or one has refused.
     pub(super) fn settle(&mut self) {
-        let now = Instant::now();
         let mut rest = Vec::new();
         for mut it in std::mem::take(&mut self.asked) {
             while let Ok(answer) = it.answers.try_recv() {
                 it.waiting -= 1;
                 it.refused = it.refused.or(answer.err());
             }
-            if it.waiting > 0 && now < it.until {
+            if it.waiting > 0 {
                 rest.push(it);
                 continue;
             }
             let outcome = match it.refused {
                 Some(what) => Err(what),
-                None if it.waiting > 0 => Err("the run has not come to it yet".to_owned()),
                 None => {
                     self.changed.entry(it.node).or_default().extend(it.values.clone());
                     let message = settings_message(it.node, &it.values);
@@ -80,7 +73,7 @@ impl Desk {
                     Ok("changed".to_owned())
                 }
             };
-            self.next_state = now;
+            self.next_state = Instant::now();
             self.answer(it.client, it.number, outcome);
         }
         self.asked = rest;
