@@ -240,6 +240,7 @@ fn on_demand(graph: &Arc<Graph>, recording: Recording) -> Result<(Tap, Box<Recor
         if let Some(recorder) = recorder.take() {
             own.rest();
             let (text, failure) = describe_recording(recorder, false, ("view", "shows it"));
+            eprint!("{}{text}", line_start());
             return failure.map_or(Ok(text.trim_end().to_owned()), Err);
         }
         let name = |number: u32| match number {

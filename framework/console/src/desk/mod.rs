@@ -167,6 +167,10 @@ impl Desk {
             }
             std::thread::sleep(if self.windows.is_empty() && self.asked.is_empty() { IDLE_PERIOD } else { PERIOD });
         }
+        // A program that ends at once leaves no recording without its end.
+        if self.recording.is_some() {
+            drop(self.record(false));
+        }
     }
 
     fn hear(&mut self, PageEvent { client, what, .. }: PageEvent) {
