@@ -8,7 +8,7 @@ import { maskPainter } from "./masks.js";
 import { Matched } from "./matched.js";
 import { drawFeatures, drawMasks, SILHOUETTE } from "./overlay.js";
 import { GRAY, palette, Picture } from "./picture.js";
-import { maySet, saveBar, settingsEditor } from "./settings.js";
+import { saveBar, settingsEditor } from "./settings.js";
 import { silence } from "./camera_tile.js";
 
 /** @typedef {import("./main.js").Frame} Frame */
@@ -47,7 +47,7 @@ export function largeCamera(context, camera, grid) {
   /** Masks of this camera alone where the node has such; otherwise those of all its cameras. */
   const maskSetting = ofCameras ?? ofAll;
   const own = () => (ofCameras ? ofCameras.value?.[camera.name] : ofAll?.value) ?? [];
-  const canPaint = Boolean(maskSetting?.live) && maySet(context);
+  const canPaint = Boolean(maskSetting?.live) && hello.rig.can.set;
   const painter = maskPainter(
     own,
     async (masks) => {
@@ -176,8 +176,7 @@ export function largeCamera(context, camera, grid) {
     }
     if (on.paint && maskNode !== null) {
       const { name, instances } = hello.nodes[maskNode];
-      if (!hello.may_change) words.push("This window may only look.");
-      else if (!maySet(context)) words.push("A recording keeps its settings.");
+      if (!hello.rig.can.set) words.push("A recording keeps its settings.");
       else if (!canPaint) words.push(`${name}.${maskSetting?.name} cannot be changed while the rig runs.`);
       else words.push(painter.words());
       if (instances.length > 1 && !ofCameras) words.push("Masks apply to every camera of this node.");

@@ -10,10 +10,10 @@
 /** @typedef {{name: string, from: [number, number], to: [number, number], topic: number, input: string, feedback: boolean, require: Requirement|null}} Edge */
 /** @typedef {{name: string, size: [number, number], focal: [number, number], principal: [number, number], on_head: boolean, camera_from_world: Pose}} Camera */
 /** @typedef {{name: string, parent: number|null, anchor: string|null, volume_m: [number[], number[]]|null, radius_m: number|null}} Scale */
-/** @typedef {{pause: boolean, step: boolean, seek: boolean, loop: boolean, speed: boolean, save: boolean, record: boolean, correct: boolean, set?: boolean, bookmark?: boolean, stop?: boolean}} Can A run's last three are true where they are left out. */
-/** @typedef {{say: "hello", version: number, may_change: boolean, rig: {name: string, path: string, mode: string, duration_s: number|null, can: Can}, scales: Scale[], cameras: Camera[], nodes: RigNode[], instances: Instance[], topics: Topic[], edges: Edge[], budgets: {from: string, to: string, age_ms: number}[]}} Hello */
+/** @typedef {{pause: boolean, step: boolean, seek: boolean, loop: boolean, speed: boolean, save: boolean, record: boolean, correct: boolean, set: boolean, bookmark: boolean, stop: boolean}} Can */
+/** @typedef {{say: "hello", version: number, rig: {name: string, path: string, mode: string, duration_s: number|null, can: Can}, scales: Scale[], cameras: Camera[], nodes: RigNode[], instances: Instance[], topics: Topic[], edges: Edge[], budgets: {from: string, to: string, age_ms: number}[]}} Hello */
 /** @typedef {[number, number|null, number|null, boolean, number|null, number|null, number|null, number|null, number|null, number|null]} EdgeState Of a session, most is not known. */
-/** @typedef {{say: "state", phase: string, now_s: number, wall_s: number|null, speed: number|null, viewers: number, edges: EdgeState[], faults: {who: string, what: string, at_s: number}[], n_faults: number, recording: {path: string, bytes: number}|null, unsaved: string[], span_s?: [number, number], loop?: [number, number]|null}} State */
+/** @typedef {{say: "state", phase: string, now_s: number, wall_s: number|null, speed: number|null, viewers: number, edges: EdgeState[], faults: {who: string, what: string, at_s: number}[], n_faults: number, recording: {path: string}|null, unsaved: string[], span_s?: [number, number], loop?: [number, number]|null}} State */
 /** @typedef {{topic: number, kind: "value"|"picture"|"points"|"mesh", time_s: number, sequence: number, source: number, header: any, payload: Uint8Array}} Frame */
 /** @typedef {{ok: boolean, words: string}} Answer */
 /** @typedef {{topic: number, as: "value"|"picture"|"points"|"mesh", width?: number, hz: number}} Subscription */

@@ -298,7 +298,7 @@ const notices = {
   error: () => refusal || "The program speaks another version of the protocol than this page. Reload the page.",
   finished: () => "The run has ended; what you see is its last state.",
 };
-const MODES = /** @type {Record<string, string>} */ ({ simulated: "simulated", live: "live", replayed: "replayed", session: "recorded session" });
+const MODES = /** @type {Record<string, string>} */ ({ simulated: "simulated", live: "live", session: "recorded session" });
 
 /** Writes what the frame of the page shows: top bar, notice, faults. */
 function report() {
@@ -314,8 +314,7 @@ function report() {
   const facts = [MODES[hello.rig.mode] ?? hello.rig.mode, linked === "lost" ? "no answer" : (state?.phase ?? "starting"), state ? clock(state.now_s) + length : "–"];
   if (linked === "open" && state?.phase === "running" && state.speed !== null) facts.push(`${number(state.speed, 2)} × real time`);
   if (linked === "open" && state) facts.push(plural(state.viewers, "viewer"));
-  if (state?.recording) facts.push(`recording, ${number(state.recording.bytes / 1e6)} MB`);
-  if (!hello.may_change) facts.push("only looking");
+  if (state?.recording) facts.push(`recording to ${state.recording.path.split(/[\\/]/).at(-1)}`);
   while (place("facts").children.length < facts.length) place("facts").append(make("span"));
   while (place("facts").children.length > facts.length) place("facts").lastChild.remove();
   facts.forEach((words, index) => write(place("facts").children[index], words));

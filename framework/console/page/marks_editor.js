@@ -26,7 +26,7 @@ const round = (/** @type {number} */ value) => Math.round(value * 1000) / 1000;
  * @param {{node: number, features: number[], book: ReturnType<typeof import("./marks_rows.js").rowBook>, known: () => Iterable<number>}} marks `known`: numbers that any camera of the node has
  */
 export function markEditor(context, camera, { node, features, book, known }) {
-  const { may_change, rig } = context.hello;
+  const { rig } = context.hello;
   const picture = new Picture();
   const found = new Map(features.map((topic) => [topic, new Matched()]));
   /** @type {Dot[]} */
@@ -60,7 +60,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
     hold: {
       grab(u, v, event) {
         const dot = nearest(u, v, event);
-        if (!may_change || armed || note.isAsking || !dot || dot.label === null) return false;
+        if (armed || note.isAsking || !dot || dot.label === null) return false;
         settle();
         choose(dot.label);
         held.hold();
@@ -131,7 +131,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
   }
 
   function pause() {
-    if (!isRunning() || !rig.can.pause || !may_change) return;
+    if (!isRunning() || !rig.can.pause) return;
     void context.command({ do: "pause" });
     // Pictures that came until it stood would show the marks as they were.
     const shown = picture.frame;
@@ -181,8 +181,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
 
   /** @param {Row[]} rows */
   function send(rows) {
-    if (may_change) void book.send(node, rows);
-    else context.say("This window may only look.");
+    void book.send(node, rows);
   }
 
   /** Sends a mark that has moved. */
@@ -197,10 +196,6 @@ export function markEditor(context, camera, { node, features, book, known }) {
 
   /** @param {string} question @param {number} proposed @param {(label: number) => void} then */
   function ask(question, proposed, then) {
-    if (!may_change) {
-      context.say("This window may only look.");
-      return;
-    }
     settle();
     pause();
     note.ask(question, proposed, then);
@@ -278,7 +273,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
 
   function undo() {
     settle();
-    if (may_change) book.undo(node);
+    book.undo(node);
   }
 
   /** The next mark by its number, or the next dot without one from left to right. @param {number} by @param {boolean} isNamed */
@@ -303,7 +298,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
     look();
     const dot = chosen();
     if (spot) spot = { u: spot.u + x, v: spot.v + y };
-    else if (dot && may_change && !armed) {
+    else if (dot && !armed) {
       pause();
       held.hold();
       moving = row(Number(dot.label), dot.u + x, dot.v + y);
@@ -321,8 +316,7 @@ export function markEditor(context, camera, { node, features, book, known }) {
     look();
     const mark = chosen();
     const lines = [];
-    if (!may_change) lines.push("This window may only look.");
-    else if (armed) lines.push(`${armed === "merge" ? `Click the mark that ${mark?.label} is merged into` : `Click the mark to swap ${mark?.label} with`}; j k and Enter do it by keys, Esc gives up.`);
+    if (armed) lines.push(`${armed === "merge" ? `Click the mark that ${mark?.label} is merged into` : `Click the mark to swap ${mark?.label} with`}; j k and Enter do it by keys, Esc gives up.`);
     else if (isRunning() && held.isHeld) lines.push(`The picture stays for you, while the run goes on; ${spot ? "n gives this place a number, " : ""}Esc lets it go on.`);
     else if (isRunning() && rig.can.pause) lines.push("Pause first (space); taking a mark by hand pauses too.");
     else if (isRunning()) lines.push("This run cannot be paused: what you say counts from the picture in which you began.");
@@ -330,9 +324,8 @@ export function markEditor(context, camera, { node, features, book, known }) {
     else if (mark) lines.push(`Mark ${mark.label}: drag it, arrows move it by ${NUDGE_PX} px; ? lists all keys.`);
     else lines.push("Click a mark to choose it, a dot without a number to name it; ? lists all keys.");
     note.write(lines.join(" "));
-    acts.name.disabled = !may_change || !spot;
-    for (const it of [acts.rename, acts.merge, acts.swap, acts.end]) it.disabled = !may_change || !mark;
-    acts.undo.disabled = !may_change;
+    acts.name.disabled = !spot;
+    for (const it of [acts.rename, acts.merge, acts.swap, acts.end]) it.disabled = !mark;
     acts.merge.setAttribute("aria-pressed", String(armed === "merge"));
     acts.swap.setAttribute("aria-pressed", String(armed === "swap"));
   }

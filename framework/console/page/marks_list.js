@@ -21,7 +21,7 @@ export const inOrder = (problems) => problems.toSorted((a, b) => ORDER[a.kind] -
 export function marksList(context, act) {
   const { cameras, rig } = context.hello;
   const isSession = rig.mode === "session";
-  const tool = (/** @type {string} */ words, /** @type {string|null} */ key, /** @type {() => void} */ go) => make("button", { type: "button", class: "tool", "aria-keyshortcuts": key, disabled: !context.hello.may_change, onclick: go }, words, key === null ? null : make("kbd", {}, key));
+  const tool = (/** @type {string} */ words, /** @type {string|null} */ key, /** @type {() => void} */ go) => make("button", { type: "button", class: "tool", "aria-keyshortcuts": key, onclick: go }, words, key === null ? null : make("kbd", {}, key));
   const problems = make("ul", { class: "plain marks-list" });
   const rows = make("ul", { class: "plain marks-list" });
   const found = make("p", { class: "dim" });
@@ -58,7 +58,7 @@ export function marksList(context, act) {
       "li",
       {},
       make("button", { type: "button", class: "link", onclick: () => act.choose(row) }, make("b", {}, `mark ${mark}`), ` ${name(camera)}, from picture ${frame}: ${where}`),
-      make("button", { type: "button", class: "quiet", "aria-label": `Remove the row of mark ${mark}, ${name(camera)}, picture ${frame}`, title: "Remove", disabled: !context.hello.may_change, onclick: () => act.remove(row) }, "✕"),
+      make("button", { type: "button", class: "quiet", "aria-label": `Remove the row of mark ${mark}, ${name(camera)}, picture ${frame}`, title: "Remove", onclick: () => act.remove(row) }, "✕"),
     );
   }
 
@@ -72,13 +72,13 @@ export function marksList(context, act) {
       shown = now;
       const list = inOrder(own?.problems ?? []);
       problems.replaceChildren(...list.map(problemItem));
-      search.disabled = own?.searching || !context.hello.may_change;
+      search.disabled = Boolean(own?.searching);
       write(found, own?.searching ? "looking …" : list.length ? "" : "none known");
       found.hidden = found.textContent === "";
       rows.replaceChildren(...all.map(rowItem));
       write(count, all.length ? plural(all.length, "row") : "no rows yet");
       const { state: word, words } = sheet?.again ?? { state: /** @type {const} */ ("idle"), words: "" };
-      again.disabled = word === "running" || !context.hello.may_change;
+      again.disabled = word === "running";
       write(state, words ? `${STATES[word]}${words}` : "");
       state.className = CSS[word];
       write(file, sheet?.file ? `File: ${sheet.file}` : "");

@@ -1,6 +1,7 @@
 // @ts-check
 // One node: what it is, its ports, its settings, and the newest message of a topic.
 import { clock, make, write } from "./dom.js";
+import { CLOUDS } from "./room_data.js";
 import { settingsEditor } from "./settings.js";
 import { tree } from "./tree.js";
 
@@ -10,8 +11,8 @@ const PICTURE_PX = 64;
 /** How a topic is requested when only its head is to be seen. @param {string} message @returns {"picture"|"points"|"mesh"|"value"} */
 function kindOf(message) {
   if (message === "image" || message === "silhouette") return "picture";
-  if (message === "mesh" || message === "tracked_surface") return "mesh";
-  if (message === "point_cloud" || message === "scale_cloud" || message === "voxels") return "points";
+  if (message === "mesh") return "mesh";
+  if (CLOUDS.includes(message)) return "points";
   return "value";
 }
 

@@ -237,7 +237,7 @@ class Room {
 
   /** The points that the whole view takes in. */
   measure() {
-    const list = [];
+    /** @type {number[]} */ const list = [];
     for (const it of this.data.cameras) if (it.placed) list.push(...it.world_from.subarray(12, 15));
     for (const { volume_m } of this.context.hello.scales) {
       if (volume_m) for (let k = 0; k < 8; k++) list.push(volume_m[k & 1][0], volume_m[k >> 1 & 1][1], volume_m[k >> 2][2]);

@@ -17,9 +17,6 @@ const hasSlider = (/** @type {Setting} */ it) => isNumeric(it) && it.min !== nul
 const short = (/** @type {any} */ value) => (typeof value === "number" ? String(Number(value.toPrecision(7))) : String(value));
 const unitOf = (/** @type {Setting} */ it) => (it.unit && it.unit !== "–" && it.unit !== "-" ? it.unit : "");
 
-/** Whether this window may change settings. @param {Context} context */
-export const maySet = ({ hello }) => hello.may_change && hello.rig.can.set !== false;
-
 /** The newest value at most ten times a second, and the last one always. @param {(value: any) => Promise<void>} send */
 function paced(send) {
   let timer = 0;
@@ -98,7 +95,7 @@ function control(setting, label, isOpen, changed) {
 function rowsOf(context, node, explain) {
   const { name: nodeName, settings } = context.hello.nodes[node];
   return settings.map((setting) => {
-    const isOpen = setting.live && maySet(context);
+    const isOpen = setting.live && context.hello.rig.can.set;
     let moved = -Infinity;
     const refusal = make("span", { class: "refusal bad", hidden: true });
     const send = paced(async (value) => {
@@ -137,7 +134,7 @@ export function settingsEditor(context, node, { isOpen = true } = {}) {
   const { name, type, settings } = context.hello.nodes[node];
   const help = make("p", { class: "setting-help dim", "aria-hidden": "true" });
   const rows = rowsOf(context, node, (setting) => write(help, setting ? `${setting.name}: ${setting.help}` : ""));
-  const isKept = context.hello.rig.can.set === false;
+  const isKept = !context.hello.rig.can.set;
   const live = rows.filter((row) => row.setting.live && !isKept).map((row) => row.element);
   const fixed = rows.filter((row) => !row.setting.live || isKept).map((row) => row.element);
   const element = make(
@@ -174,7 +171,7 @@ export function saveBar(context) {
     /** @param {import("./main.js").State} state */
     state({ unsaved }) {
       element.hidden = unsaved.length === 0;
-      const can = context.hello.rig.can.save && context.hello.may_change;
+      const can = context.hello.rig.can.save;
       button.hidden = !can;
       write(words, `${can ? `To be saved in ${context.hello.rig.path}` : "Changed, and lost with this run"}: ${unsaved.join(", ")}`);
     },

@@ -98,7 +98,7 @@ export function timeBar(bar, shell) {
 
   /** Recording begins or ends. */
   function record() {
-    void shell.command({ do: "record", on: !state?.recording }).then((answer) => shell.say(answer.words));
+    void shell.command({ do: "record", on: !state?.recording });
   }
 
   /** Ending a run cannot be taken back: asked once more, in place. */
@@ -131,7 +131,7 @@ export function timeBar(bar, shell) {
 
   function build() {
     if (!hello) return;
-    const can = hello.may_change ? hello.rig.can : { pause: false, step: false, seek: false, loop: false, speed: false, bookmark: false, record: false, stop: false };
+    const { can } = hello.rig;
     const isSession = hello.rig.mode === "session";
     parts = {};
     const row = [];
@@ -156,11 +156,11 @@ export function timeBar(bar, shell) {
       parts.speed = make("select", { "aria-label": "Speed", onchange: () => void shell.command({ do: "speed", factor: Number(parts.speed.value) }) }, ...choices);
       row.push(parts.speed);
     }
-    if (can.bookmark !== false) {
+    if (can.bookmark) {
       parts.note = make("form", { class: "tools" });
       row.push((parts.bookmark = button("Bookmark", "b", "Bookmark this moment, with a note", bookmark)));
     }
-    if (can.stop !== false && !isSession) row.push((parts.stop = make("button", { type: "button", class: "tool", onclick: stop }, "End the run …")));
+    if (can.stop) row.push((parts.stop = make("button", { type: "button", class: "tool", onclick: stop }, "End the run …")));
     bar.replaceChildren(...row);
     bar.hidden = row.length === 0;
   }
@@ -198,13 +198,13 @@ export function timeBar(bar, shell) {
         [can?.step && can.seek, ",", "one picture back"],
         [can?.loop, "[ ]", "the loop begins, ends here"],
         [can?.record, "R", "record, or end the recording"],
-        [can?.bookmark !== false, "b", "bookmark this moment, with a note"],
+        [can?.bookmark, "b", "bookmark this moment, with a note"],
       ];
-      return hello?.may_change ? all.filter(([has]) => has).map(([, key, what]) => [key, what]) : [];
+      return all.filter(([has]) => has).map(([, key, what]) => [key, what]);
     },
     /** @param {KeyboardEvent} event */
     key(event) {
-      if (!hello?.may_change) return false;
+      if (!hello) return false;
       const can = hello.rig.can;
       const acts = /** @type {Record<string, [boolean, () => void]>} */ ({
         " ": [can.pause, toggle],
@@ -213,7 +213,7 @@ export function timeBar(bar, shell) {
         "[": [can.loop, loopIn],
         "]": [can.loop, loopOut],
         R: [can.record, record],
-        b: [can.bookmark !== false, bookmark],
+        b: [can.bookmark, bookmark],
       });
       const [has, act] = acts[event.key] ?? [false, () => {}];
       if (has) act();

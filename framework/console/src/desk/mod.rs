@@ -115,7 +115,6 @@ impl Desk {
         hello.insert("rig".to_owned(), about);
         hello.insert("say".to_owned(), "hello".into());
         hello.insert("version".to_owned(), 1.into());
-        hello.insert("may_change".to_owned(), true.into());
         let sources = graph.instances.iter().filter(|it| it.node_type.role == Role::Source);
         let fastest = sources.filter_map(|it| it.settings.plan().rate_hz).fold(0.0, f64::max);
         let step = Interval::from_ms(1e3 * if fastest > 0.0 { 1.0 / fastest } else { STEP_S });
