@@ -4,6 +4,7 @@
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use serde_json::{Map, Value};
 
@@ -60,6 +61,13 @@ pub fn told(mut figures: Map<String, Value>, interrupted: bool) -> Map<String, V
         figures.insert("interrupted_by".to_owned(), signal.name.into());
     }
     figures
+}
+
+/// Waits until `stop` is set.
+pub fn wait(stop: &AtomicBool) {
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(50));
+    }
 }
 
 /// What each signal does.

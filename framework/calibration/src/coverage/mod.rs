@@ -211,6 +211,11 @@ impl Coverage {
         self.cameras.get(camera).map_or("", |it| &it.name)
     }
 
+    /// Cameras that saw the light together with `camera` in as many frames as suffice.
+    pub fn partners(&self, camera: usize) -> usize {
+        (0..self.n_cameras()).filter(|it| self.common(camera, *it) >= self.options.min_common).count()
+    }
+
     /// Frames that two cameras saw together.
     pub fn common(&self, a: usize, b: usize) -> u32 {
         self.links.common(a, b)

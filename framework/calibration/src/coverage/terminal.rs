@@ -40,11 +40,6 @@ impl Painter<'_> {
         if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
     }
 
-    fn partners(&self, camera: usize) -> usize {
-        let common = |other: usize| self.coverage.links.common(camera, other);
-        (0..self.coverage.cameras.len()).filter(|it| common(*it) >= self.coverage.options.min_common).count()
-    }
-
     fn pictures(&self, text: &mut String, width: usize) {
         let n = self.coverage.cameras.len();
         let [columns, rows] = self.coverage.options.grid;
@@ -135,7 +130,7 @@ impl Painter<'_> {
                     } else {
                         self.painted("·", "33")
                     };
-                    let (name, partners) = (fitted(&held.name, names), self.partners(camera));
+                    let (name, partners) = (fitted(&held.name, names), self.coverage.partners(camera));
                     format!("{name} {:>6}  {share:>3.0} % {partners:>5} {mark}", held.frames)
                 })
                 .collect();
@@ -150,8 +145,8 @@ impl Painter<'_> {
         let n_pairs = (0..n).map(|b| (0..b).filter(|a| partners(*a, b)).count()).sum::<usize>();
         let groups = groups(n, partners, None);
         let mut line = format!("{n_pairs} pairs linked");
-        if let Some(weakest) = (0..n).min_by_key(|it| self.partners(*it)).filter(|_| n > 1) {
-            let count = self.partners(weakest);
+        if let Some(weakest) = (0..n).min_by_key(|it| self.coverage.partners(*it)).filter(|_| n > 1) {
+            let count = self.coverage.partners(weakest);
             let noun = if count == 1 { "partner" } else { "partners" };
             let _ = write!(line, ", the least {} with {count} {noun}", cameras[weakest].name);
         }

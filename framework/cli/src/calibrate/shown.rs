@@ -1,7 +1,7 @@
 //! A calibration in the console: coverage as it grows, what to do next, the verdict.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -105,19 +105,16 @@ impl Shown {
             return;
         }
         eprintln!("the console is still served; Ctrl-C ends");
-        while !stop.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        interrupt::wait(&stop);
     }
 }
 
 fn of_coverage(coverage: &Coverage, is_board: bool) -> Map<String, Value> {
     let (n, options, guidance) = (coverage.n_cameras(), coverage.options(), coverage.state());
-    let partners = |camera: usize| (0..n).filter(|other| coverage.common(camera, *other) >= options.min_common).count();
     let camera = |it: usize| {
         json!({
             "name": coverage.name(it), "frames": coverage.frames(it), "share": coverage.share(it), "cells": coverage.cells(it),
-            "done": coverage.is_done(it), "partners": partners(it), "depth_m": coverage.depth_m(it),
+            "done": coverage.is_done(it), "partners": coverage.partners(it), "depth_m": coverage.depth_m(it),
         })
     };
     let common = |a: usize| (0..n).map(move |b| if a == b { 0 } else { coverage.common(a, b) }).collect::<Vec<u32>>();

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use foveate_console::{Console, Mode, Opening, Record};
 use foveate_engine::look::Look;
@@ -190,9 +190,7 @@ fn stay(args: &RunArgs, server: &Server, stop: &AtomicBool) {
     if !args.quiet {
         eprintln!("pages are still served; Ctrl-C ends");
     }
-    while !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    interrupt::wait(stop);
 }
 
 /// Begins a recording where the person asks for one.

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
 
 use foveate_console::{Console, Mode, Opening};
 use foveate_engine::{self as engine, Options};
@@ -72,9 +71,7 @@ fn show(args: &ViewArgs, registry: &Registry) -> Result<u8, String> {
     };
     let console = Console::open(opening)?;
     eprintln!("Ctrl-C ends");
-    while !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    interrupt::wait(&stop);
     drop(console);
     server.end();
     Ok(exit::DONE)
