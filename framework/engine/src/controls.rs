@@ -127,3 +127,24 @@ impl fmt::Debug for Controls {
         f.debug_struct("Controls").field("until", &self.until()).finish_non_exhaustive()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+
+    #[test]
+    fn after_the_end_every_change_has_an_answer() {
+        let controls = Controls::default();
+        let (answer, answers) = channel();
+        let change = || {
+            let answer = answer.clone();
+            Change { instance: 3, values: Table::new(), done: Box::new(move |it| drop(answer.send(it))) }
+        };
+        assert!(controls.change(change()).is_ok() && controls.is_waiting());
+        controls.end();
+        assert_eq!(answers.try_recv(), Ok(Err(OVER.to_owned())));
+        assert_eq!((controls.change(change()), controls.is_waiting()), (Err(OVER.to_owned()), false));
+    }
+}
